@@ -1,0 +1,28 @@
+"""The package's errors: each message names the offending value and the way out."""
+
+from collections.abc import Iterable
+
+
+class ActChunkingError(Exception):
+    """Root of every error this package raises on purpose; the command line prints it without a traceback."""
+
+
+class ConfigurationError(ActChunkingError, ValueError):
+    """A setting that cannot work, found before anything expensive starts."""
+
+
+class FeatureError(ActChunkingError, KeyError):
+    """An observation, action or camera that is missing, unknown or of the wrong shape."""
+
+    def __str__(self) -> str:
+        # KeyError would print the message as a quoted repr.
+        return str(self.args[0]) if self.args else ""
+
+
+class DatasetError(ActChunkingError):
+    """A dataset that is absent, damaged, or not what the command expected."""
+
+
+def unknown_choice(what: str, value: object, choices: Iterable[str]) -> ConfigurationError:
+    """The error for a name outside its allowed set, with the set spelled out."""
+    return ConfigurationError(f"unknown {what} {value!r}; choose one of: {', '.join(choices)}")
