@@ -1,0 +1,58 @@
+"""The ``act-chunking`` command: parse, call one function, print.
+
+Nothing here imports torch or LeRobot, so that ``--help`` answers at once; each command imports what it needs.
+"""
+
+import sys
+
+import typer
+from rich.console import Console
+
+from lerobot_act_chunking.cli.motion import motion_command
+from lerobot_act_chunking.cli.quickstart import quickstart_command
+from lerobot_act_chunking.cli.record import record_command
+from lerobot_act_chunking.errors import ActChunkingError
+
+app = typer.Typer(
+    name="act-chunking",
+    help="Action-chunking policies for LeRobot: demonstrations, training, evaluation, and what the robot will do.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+)
+app.command("quickstart")(quickstart_command)
+app.command("record")(record_command)
+app.command("motion")(motion_command)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the command line; returns the exit status (0 done, 1 refused, 2 usage, 130 stopped by Ctrl-C)."""
+    console = Console(stderr=True)
+    try:
+        status = app(args=argv, standalone_mode=False)
+    except ActChunkingError as error:
+        console.print(f"[red]error:[/] {error}", highlight=False, soft_wrap=True)
+        return 1
+    except KeyboardInterrupt:
+        console.print("\nstopped; run the same command again to go on from here")
+        return 130
+    except typer.Abort:
+        return 130
+    except Exception as error:
+        if not hasattr(error, "exit_code"):
+            raise
+        _show_usage_error(error)
+        return int(error.exit_code)  # pyright: ignore[reportAttributeAccessIssue]
+    return status if isinstance(status, int) else 0
+
+
+def _show_usage_error(error: Exception) -> None:
+    """Click's own errors know how to print themselves (``Exit`` has nothing to say)."""
+    show = getattr(error, "show", None)
+    if show is not None:
+        show(file=sys.stderr)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

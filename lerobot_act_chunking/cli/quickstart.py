@@ -1,0 +1,219 @@
+"""``act-chunking quickstart``: the whole story with the real commands, each printed so that it can be copied.
+
+Every stage leaves a result on disk and is skipped when that result is there, so the story can be stopped at any
+moment and run again.
+"""
+
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.rule import Rule
+
+from lerobot_act_chunking.errors import ActChunkingError, unknown_choice
+
+TASKS = ("transfer_cube", "insertion")
+
+# The recipe of configs/quickstart.yaml (a test holds the two together); chosen with benchmarks/quickstart.py.
+POLICY = {
+    "type": "act_chunked",
+    "device": "cpu",
+    "push_to_hub": "false",
+    "chunk_size": "100",
+    "n_action_steps": "50",
+    "dim_model": "128",
+    "n_heads": "4",
+    "dim_feedforward": "512",
+    "n_encoder_layers": "2",
+    "optimizer_lr": "1e-3",
+}
+
+
+class StageFailed(ActChunkingError):
+    """A command of the story ended with an error."""
+
+
+@dataclass(frozen=True)
+class Story:
+    """What the quickstart does: where, with how much data and how long."""
+
+    folder: Path
+    task: str = "transfer_cube"
+    episodes: int = 50
+    steps: int = 10_000
+    eval_episodes: int = 200
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.task not in TASKS:
+            raise unknown_choice("task", self.task, TASKS)
+
+    @property
+    def dataset(self) -> Path:
+        """Root of the recorded LeRobotDataset."""
+        return self.folder / "dataset"
+
+    @property
+    def repo_id(self) -> str:
+        """Name of the dataset; nothing is ever looked up under it."""
+        return f"local/{self.task}"
+
+    @property
+    def train(self) -> Path:
+        """Output folder of lerobot-train."""
+        return self.folder / "train"
+
+    @property
+    def policy(self) -> Path:
+        """The newest checkpoint, as LeRobot lays it out."""
+        return self.train / "checkpoints" / "last" / "pretrained_model"
+
+    @property
+    def evaluation(self) -> Path:
+        """Output folder of lerobot-eval."""
+        return self.folder / "eval"
+
+    @property
+    def picture(self) -> Path:
+        """The picture of one episode's motion."""
+        return self.folder / "motion.png"
+
+    def record_command(self) -> list[str]:
+        """Scripted demonstrations into a LeRobotDataset."""
+        return [
+            *("act-chunking", "record", "--task", self.task, "--episodes", str(self.episodes), "--obs", "state"),
+            *("--repo-id", self.repo_id, "--root", str(self.dataset), "--workers", str(min(2, os.cpu_count() or 1))),
+        ]
+
+    def train_command(self) -> list[str]:
+        """LeRobot's own training, from scratch or from where it was stopped."""
+        if self.policy.exists():
+            return ["lerobot-train", f"--config_path={self.policy}/train_config.json", "--resume=true"]
+        return [
+            "lerobot-train",
+            *(f"--policy.{name}={value}" for name, value in POLICY.items()),
+            f"--dataset.repo_id={self.repo_id}",
+            f"--dataset.root={self.dataset}",
+            f"--output_dir={self.train}",
+            f"--seed={self.seed}",
+            f"--steps={self.steps}",
+            f"--save_freq={max(1, self.steps // 5)}",
+            f"--log_freq={max(1, min(200, self.steps // 10))}",
+            "--batch_size=64",
+            "--num_workers=0",
+            "--env_eval_freq=0",
+            "--wandb.enable=false",
+        ]
+
+    def eval_command(self) -> list[str]:
+        """LeRobot's own evaluation, on poses the demonstrations did not have."""
+        return [
+            "lerobot-eval",
+            f"--policy.path={self.policy}",
+            "--policy.device=cpu",
+            *("--env.type=aloha_sim", f"--env.task={self.task}", "--env.obs_type=state"),
+            *("--env.render_quality=fast", "--env.visualization_width=320", "--env.visualization_height=240"),
+            f"--eval.n_episodes={self.eval_episodes}",
+            f"--eval.batch_size={min(50, self.eval_episodes)}",
+            "--eval.use_async_envs=false",
+            "--seed=1000",
+            f"--output_dir={self.evaluation}",
+        ]
+
+    def motion_command(self) -> list[str]:
+        """One episode as a picture."""
+        return ["act-chunking", "motion", str(self.policy), "--task", self.task, "--out", str(self.picture)]
+
+    def recorded(self) -> bool:
+        """The recorder publishes the dataset in one step, so that it is there or it is not."""
+        return (self.dataset / "meta" / "info.json").exists()
+
+    def trained(self) -> bool:
+        """Whether the checkpoint of the last step exists."""
+        return (self.train / "checkpoints" / f"{self.steps:06d}" / "pretrained_model" / "config.json").exists()
+
+    def evaluated(self) -> bool:
+        """Whether lerobot-eval finished."""
+        return (self.evaluation / "eval_info.json").exists()
+
+    def drawn(self) -> bool:
+        """Whether the picture exists."""
+        return self.picture.exists()
+
+
+def quickstart_command(
+    output_dir: Annotated[Path, typer.Option(help="Where everything goes.")] = Path("outputs/quickstart"),
+    task: Annotated[str, typer.Option(help="transfer_cube or insertion.")] = "transfer_cube",
+    episodes: Annotated[int, typer.Option(min=1, help="Demonstrations to record.")] = 50,
+    steps: Annotated[int, typer.Option(min=1, help="Training steps.")] = Story.steps,
+    eval_episodes: Annotated[int, typer.Option(min=1, help="Episodes to evaluate.")] = 200,
+    seed: Annotated[int, typer.Option(help="Training seed.")] = 0,
+) -> None:
+    """Record demonstrations, train, evaluate and draw, with LeRobot's own commands, offline.
+
+    Stop it whenever you like: the same command goes on where it was.
+    """
+    story = Story(output_dir, task, episodes, steps, eval_episodes, seed)
+    console = Console()
+    started = time.monotonic()
+    stages: list[tuple[str, Callable[[], bool], Callable[[], list[str]]]] = [
+        ("1/4 record demonstrations", story.recorded, story.record_command),
+        ("2/4 train", story.trained, story.train_command),
+        ("3/4 evaluate on unseen poses", story.evaluated, story.eval_command),
+        ("4/4 draw one episode", story.drawn, story.motion_command),
+    ]
+    for title, done, command in stages:
+        console.print(Rule(title))
+        if done():
+            console.print("already done")
+        else:
+            _clear_unusable(story)
+            run(command(), console)
+    _conclude(story, console, time.monotonic() - started)
+
+
+def run(command: list[str], console: Console) -> None:
+    """Print a command for copying, then run it with the scripts of this very environment.
+
+    Raises:
+        StageFailed: it ended with an error; its own output says which.
+        KeyboardInterrupt: the user stopped it.
+    """
+    console.print(f"$ {shlex.join(command)}", highlight=False, soft_wrap=True, style="bold")
+    script = shutil.which(command[0], path=str(Path(sys.executable).parent)) or command[0]
+    status = subprocess.run([script, *command[1:]], env=_quiet_environment(), check=False).returncode
+    if status in (130, -2):
+        raise KeyboardInterrupt
+    if status != 0:
+        raise StageFailed(f"{command[0]} ended with status {status}; its output above says why")
+
+
+def _quiet_environment() -> dict[str, str]:
+    """No network and no chatter from libraries that would look for one."""
+    return {"HF_HUB_OFFLINE": "1", "HF_DATASETS_DISABLE_PROGRESS_BARS": "1", **os.environ}
+
+
+def _clear_unusable(story: Story) -> None:
+    """Remove what an interrupted stage left and its command would refuse: a training folder without a checkpoint."""
+    if story.train.exists() and not story.policy.exists():
+        shutil.rmtree(story.train)
+
+
+def _conclude(story: Story, console: Console, seconds: float) -> None:
+    from lerobot_act_chunking.diagnostics.success import read_success_rate
+
+    console.print(Rule("result"))
+    console.print(f"success: {read_success_rate(story.evaluation / 'eval_info.json')}")
+    videos = sorted(story.evaluation.rglob("*.mp4"))
+    for label, path in [("policy", story.policy), ("picture", story.picture), *(("video", v) for v in videos[:1])]:
+        console.print(f"{label}: {path}", soft_wrap=True)
+    console.print(f"time: {seconds / 60:.1f} minutes")
