@@ -1,1 +1,1 @@
-"""."""
+"""Bimanual ALOHA simulation on raw MuJoCo: gym-aloha's models, actions and rewards without dm_control."""

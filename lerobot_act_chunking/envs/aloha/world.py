@@ -1,0 +1,156 @@
+"""gym-aloha's physics on raw MuJoCo: same models, action convention and substep order, no dm_control, no OpenGL."""
+
+import mujoco
+import numpy as np
+
+from lerobot_act_chunking.envs.aloha.rewards import Contacts
+from lerobot_act_chunking.envs.aloha.tasks import (
+    TASKS,
+    get_task,
+    mjcf_path,
+    sample_object_pose,
+    stock_generator,
+)
+from lerobot_act_chunking.errors import ActChunkingError, ConfigurationError, FeatureError
+
+__all__ = ["JOINT_NAMES", "TASKS", "AlohaWorld", "sample_object_pose", "stock_generator"]
+
+_ARM_JOINTS = ("waist", "shoulder", "elbow", "forearm_roll", "wrist_angle", "wrist_rotate", "gripper")
+JOINT_NAMES: tuple[str, ...] = tuple(
+    f"{side}_arm_{joint}" for side in ("left", "right") for joint in _ARM_JOINTS
+)
+"""Names of the 14 actions and joint positions. Arm joints are in rad, grippers 0 (closed) to 1 (open)."""
+
+CONTROL_PERIOD = 0.02
+"""Time between two actions [s]."""
+
+_START_ARM = (0.0, -0.96, 1.16, 0.0, -0.3, 0.0, 0.02239, -0.02239)
+_ROBOT_SIZE = 16  # model coordinates: two arms of six joints and two mirrored fingers
+_FINGER_CLOSED = 0.01844  # finger travel [m] that counts as gripper 0
+_FINGER_SPAN = 0.05800 - _FINGER_CLOSED
+# Where each of the 14 named joints sits among the 16: the second finger mirrors the first and is left out.
+_NAMED = np.array([0, 1, 2, 3, 4, 5, 6, 8, 9, 10, 11, 12, 13, 14])
+
+
+class AlohaWorld:
+    """One ALOHA cell with its objects; every piece of state lives in ``model`` and ``data``.
+
+    Args:
+        task: one of ``TASKS``.
+
+    Raises:
+        ConfigurationError: unknown task, or gym-aloha is not installed.
+    """
+
+    def __init__(self, task: str) -> None:
+        self.task = task
+        self._task = get_task(task)
+        self.model = mujoco.MjModel.from_xml_path(str(mjcf_path(task)))
+        self.data = mujoco.MjData(self.model)
+        self._geom_names = [self.model.geom(i).name for i in range(self.model.ngeom)]
+        self._substeps = round(CONTROL_PERIOD / self.model.opt.timestep)
+        self._warnings = self.data.warning.number
+
+    def reset(self, object_pose: np.ndarray) -> None:
+        """Place the arms in their start pose and the objects at ``object_pose``.
+
+        Args:
+            object_pose: (7,) or (14,), x y z [m] and unit quaternion qw qx qy qz per object.
+
+        Raises:
+            ConfigurationError: wrong shape, not finite, or a quaternion that is not of unit length.
+        """
+        pose = self._checked_pose(object_pose)
+        # dm_control resets twice and runs forward twice, with actuation off; the solver's warm start remembers it.
+        mujoco.mj_resetData(self.model, self.data)
+        self._forward_unactuated()
+        self.data.qpos[:_ROBOT_SIZE] = _START_ARM * 2
+        self.data.qpos[_ROBOT_SIZE:] = pose
+        self.data.ctrl[:] = _START_ARM * 2
+        self._forward_unactuated()
+        self._forward_unactuated()
+
+    def step(self, action: np.ndarray) -> None:
+        """Advance one control period (20 ms) towards the joint targets.
+
+        Args:
+            action: (14,), order of ``JOINT_NAMES``: joint targets [rad], grippers 0 (closed) to 1 (open). MuJoCo
+                clips targets to the actuators' range.
+
+        Raises:
+            FeatureError: wrong shape or not finite.
+            ActChunkingError: the simulation diverged.
+        """
+        self._set_targets(self._checked_action(action))
+        # dm_control's order for Euler: finish the step begun by the last mj_step1, so that observations, contacts and
+        # images always belong to the newest positions.
+        mujoco.mj_step2(self.model, self.data)
+        mujoco.mj_step(self.model, self.data, self._substeps - 1)
+        mujoco.mj_step1(self.model, self.data)
+        if self._warnings.any():
+            raise ActChunkingError(f"the {self.task} simulation diverged: {self._warning_names()}")
+
+    def qpos(self) -> np.ndarray:
+        """Joint positions (14,) float64: rad, grippers normalised like actions."""
+        positions = self.data.qpos[_NAMED]
+        positions[[6, 13]] = (positions[[6, 13]] - _FINGER_CLOSED) / _FINGER_SPAN
+        return positions
+
+    def qvel(self) -> np.ndarray:
+        """Joint velocities (14,) float64: rad/s, grippers in openings per second."""
+        velocities = self.data.qvel[_NAMED]
+        velocities[[6, 13]] /= _FINGER_SPAN
+        return velocities
+
+    def environment_state(self) -> np.ndarray:
+        """Object poses (7,) or (14,) float64: x y z [m], qw qx qy qz per object."""
+        return self.data.qpos[_ROBOT_SIZE:].copy()
+
+    def contacts(self) -> Contacts:
+        """Names of the geoms that touch now, as pairs in MuJoCo's order."""
+        names = self._geom_names
+        return frozenset((names[a], names[b]) for a, b in self.data.contact.geom.tolist())
+
+    def stock_reward(self) -> int:
+        """gym-aloha's reward 0 .. 4; 4 is its success."""
+        return self._task.reward(self.contacts())
+
+    def _forward_unactuated(self) -> None:
+        actuation = mujoco.mjtDisableBit.mjDSBL_ACTUATION
+        flags = self.model.opt.disableflags
+        self.model.opt.disableflags = flags | actuation
+        mujoco.mj_forward(self.model, self.data)
+        self.model.opt.disableflags = flags
+
+    def _set_targets(self, action: np.ndarray) -> None:
+        # Stay in the action's own precision, as gym-aloha does: float32 actions then give its very same targets.
+        left, right = action[6] * _FINGER_SPAN + _FINGER_CLOSED, action[13] * _FINGER_SPAN + _FINGER_CLOSED
+        targets = self.data.ctrl
+        targets[:6], targets[6], targets[7] = action[:6], left, -left
+        targets[8:14], targets[14], targets[15] = action[7:13], right, -right
+
+    def _checked_action(self, action: np.ndarray) -> np.ndarray:
+        action = np.asarray(action)
+        if action.shape != (len(JOINT_NAMES),):
+            raise FeatureError(f"an action has shape {(len(JOINT_NAMES),)}, got {action.shape}")
+        if not np.isfinite(action).all():
+            bad = [name for name, value in zip(JOINT_NAMES, action, strict=True) if not np.isfinite(value)]
+            raise FeatureError(f"the action is not finite at {', '.join(bad)}")
+        return action
+
+    def _checked_pose(self, object_pose: np.ndarray) -> np.ndarray:
+        pose = np.asarray(object_pose, dtype=np.float64)
+        size = self._task.pose_size
+        if pose.shape != (size,):
+            raise ConfigurationError(
+                f"the object pose of {self.task} has shape {(size,)}: x y z qw qx qy qz per object; got {pose.shape}"
+            )
+        lengths = np.linalg.norm(pose.reshape(-1, 7)[:, 3:], axis=1)
+        if not (np.isfinite(pose).all() and np.allclose(lengths, 1.0, atol=1e-3)):
+            raise ConfigurationError(
+                f"the object pose {pose.tolist()} needs finite positions and unit quaternions (qw qx qy qz)"
+            )
+        return pose
+
+    def _warning_names(self) -> str:
+        return ", ".join(mujoco.mjtWarning(i).name for i in np.flatnonzero(self._warnings))
