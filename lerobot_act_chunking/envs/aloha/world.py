@@ -1,4 +1,6 @@
-"""gym-aloha's physics on raw MuJoCo: same models, action convention and substep order, no dm_control, no OpenGL."""
+# pyright: reportAttributeAccessIssue=false
+# (mujoco ships no type stubs)
+"""gym-aloha's physics on raw MuJoCo: same models, actions and substep order, no dm_control, no OpenGL."""
 
 import mujoco
 import numpy as np
@@ -61,7 +63,7 @@ class AlohaWorld:
             ConfigurationError: wrong shape, not finite, or a quaternion that is not of unit length.
         """
         pose = self._checked_pose(object_pose)
-        # dm_control resets twice and runs forward twice, with actuation off; the solver's warm start remembers it.
+        # dm_control runs forward once before and twice after placing; the solver's warm start remembers it.
         mujoco.mj_resetData(self.model, self.data)
         self._forward_unactuated()
         self.data.qpos[:_ROBOT_SIZE] = _START_ARM * 2
@@ -74,16 +76,16 @@ class AlohaWorld:
         """Advance one control period (20 ms) towards the joint targets.
 
         Args:
-            action: (14,), order of ``JOINT_NAMES``: joint targets [rad], grippers 0 (closed) to 1 (open). MuJoCo
-                clips targets to the actuators' range.
+            action: (14,), order of ``JOINT_NAMES``: joint targets [rad], grippers 0 (closed) to 1 (open).
+                MuJoCo clips targets to the actuators' range.
 
         Raises:
             FeatureError: wrong shape or not finite.
             ActChunkingError: the simulation diverged.
         """
         self._set_targets(self._checked_action(action))
-        # dm_control's order for Euler: finish the step begun by the last mj_step1, so that observations, contacts and
-        # images always belong to the newest positions.
+        # dm_control's order for Euler: finish the step begun by the last mj_step1, so that observations, contacts
+        # and images always belong to the newest positions.
         mujoco.mj_step2(self.model, self.data)
         mujoco.mj_step(self.model, self.data, self._substeps - 1)
         mujoco.mj_step1(self.model, self.data)
@@ -123,7 +125,7 @@ class AlohaWorld:
         self.model.opt.disableflags = flags
 
     def _set_targets(self, action: np.ndarray) -> None:
-        # Stay in the action's own precision, as gym-aloha does: float32 actions then give its very same targets.
+        # Stay in the action's own precision, as gym-aloha does: float32 actions then give the same targets.
         left, right = action[6] * _FINGER_SPAN + _FINGER_CLOSED, action[13] * _FINGER_SPAN + _FINGER_CLOSED
         targets = self.data.ctrl
         targets[:6], targets[6], targets[7] = action[:6], left, -left
@@ -143,7 +145,8 @@ class AlohaWorld:
         size = self._task.pose_size
         if pose.shape != (size,):
             raise ConfigurationError(
-                f"the object pose of {self.task} has shape {(size,)}: x y z qw qx qy qz per object; got {pose.shape}"
+                f"the object pose of {self.task} has shape {(size,)}, x y z qw qx qy qz per object; "
+                f"got {pose.shape}"
             )
         lengths = np.linalg.norm(pose.reshape(-1, 7)[:, 3:], axis=1)
         if not (np.isfinite(pose).all() and np.allclose(lengths, 1.0, atol=1e-3)):
