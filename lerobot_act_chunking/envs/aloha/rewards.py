@@ -3,6 +3,9 @@
 Contacts = frozenset[tuple[str, str]]
 """Names of the touching geoms, each pair in MuJoCo's own order (stock rewards depend on that order)."""
 
+MAX_REWARD = 4
+"""The reward gym-aloha counts as success."""
+
 TABLE = "table"
 CUBE = "red_box"
 PEG = "red_peg"

@@ -32,6 +32,7 @@ _FINGER_CLOSED = 0.01844  # finger travel [m] that counts as gripper 0
 _FINGER_SPAN = 0.05800 - _FINGER_CLOSED
 # Where each of the 14 named joints sits among the 16: the second finger mirrors the first and is left out.
 _NAMED = np.array([0, 1, 2, 3, 4, 5, 6, 8, 9, 10, 11, 12, 13, 14])
+_GRIPPERS = np.array([6, 13])  # among the 14
 
 
 class AlohaWorld:
@@ -84,8 +85,8 @@ class AlohaWorld:
             ActChunkingError: the simulation diverged.
         """
         self._set_targets(self._checked_action(action))
-        # dm_control's order for Euler: finish the step begun by the last mj_step1, so that observations, contacts
-        # and images always belong to the newest positions.
+        # dm_control's order for Euler: finish the step begun by the last mj_step1, so that observations,
+        # contacts and images always belong to the newest positions.
         mujoco.mj_step2(self.model, self.data)
         mujoco.mj_step(self.model, self.data, self._substeps - 1)
         mujoco.mj_step1(self.model, self.data)
@@ -95,18 +96,24 @@ class AlohaWorld:
     def qpos(self) -> np.ndarray:
         """Joint positions (14,) float64: rad, grippers normalised like actions."""
         positions = self.data.qpos[_NAMED]
-        positions[[6, 13]] = (positions[[6, 13]] - _FINGER_CLOSED) / _FINGER_SPAN
+        positions[_GRIPPERS] = (positions[_GRIPPERS] - _FINGER_CLOSED) / _FINGER_SPAN
         return positions
 
     def qvel(self) -> np.ndarray:
         """Joint velocities (14,) float64: rad/s, grippers in openings per second."""
         velocities = self.data.qvel[_NAMED]
-        velocities[[6, 13]] /= _FINGER_SPAN
+        velocities[_GRIPPERS] /= _FINGER_SPAN
         return velocities
 
     def environment_state(self) -> np.ndarray:
         """Object poses (7,) or (14,) float64: x y z [m], qw qx qy qz per object."""
         return self.data.qpos[_ROBOT_SIZE:].copy()
+
+    def action_limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest action, (14,) each: the actuators' range [rad], 0 and 1 for the grippers."""
+        limits = self.model.actuator_ctrlrange[_NAMED]
+        limits[_GRIPPERS] = 0.0, 1.0
+        return limits[:, 0], limits[:, 1]
 
     def contacts(self) -> Contacts:
         """Names of the geoms that touch now, as pairs in MuJoCo's order."""

@@ -1,0 +1,149 @@
+"""The ALOHA simulation as a Gymnasium environment."""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+from lerobot_act_chunking.envs.aloha.options import AlohaSimOptions
+from lerobot_act_chunking.envs.aloha.rendering import OffscreenRenderer
+from lerobot_act_chunking.envs.aloha.success import SUCCESS_RULES, make_success_rule
+from lerobot_act_chunking.envs.aloha.tasks import get_task, sample_object_pose, stock_generator
+from lerobot_act_chunking.envs.aloha.world import JOINT_NAMES, AlohaWorld
+from lerobot_act_chunking.errors import unknown_choice
+
+# gym-aloha's bounds; joints overshoot their soft limits, and an object that leaves the table falls for ever.
+_WIDE = 1000.0
+
+
+class AlohaSimEnv(gym.Env):
+    """Bimanual ALOHA, 50 Hz: gym-aloha's physics, actions and rewards; observations on request.
+
+    Observations: ``agent_pos`` (14,) and ``agent_vel`` (14,) in the order of ``JOINT_NAMES``;
+    ``environment_state`` (7,) or (14,), x y z qw qx qy qz per object; ``pixels``
+    {camera: uint8 (height, width, 3)}.
+
+    Actions: (14,) joint targets [rad] and grippers 0 (closed) to 1 (open). ``action_space`` spans the
+    actuators' range, to which MuJoCo clips (gym-aloha declares -1 .. 1, which its own radians leave).
+
+    Info: ``success_touch`` and ``success_hold``, each true from the step on at which its rule was satisfied,
+    and ``is_success``, the one chosen by ``success``. The episode terminates when it becomes true.
+
+    Seeds: ``reset(seed=s)`` starts the very episode gym-aloha starts for seed ``s``, so results compare
+    episode by episode; resets without a seed draw from ``np_random``; with
+    ``reset(options={"object_pose": array})`` the caller places the objects.
+
+    Args:
+        render_mode: "rgb_array" or None.
+        options: fields of ``AlohaSimOptions``.
+
+    Raises:
+        ConfigurationError: an option that cannot work.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 50}  # noqa: RUF012  (Gymnasium declares it so)
+
+    def __init__(self, render_mode: str | None = "rgb_array", **options: Any) -> None:
+        if render_mode not in (None, "rgb_array"):
+            raise unknown_choice("render_mode", render_mode, ("rgb_array", "None"))
+        self.render_mode = render_mode
+        self.options = AlohaSimOptions(**options)
+        self.task = self.options.task
+        self.task_description = get_task(self.task).instruction
+        self.world = AlohaWorld(self.task)
+        self._reward = get_task(self.task).reward
+        self._rules = {name: make_success_rule(name, self.task) for name in SUCCESS_RULES}
+        self._renderer: OffscreenRenderer | None = None
+        self.action_space = self._action_space()
+        self.observation_space = self._observation_space()
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Start an episode; see the class for seeds and ``options["object_pose"]``.
+
+        Raises:
+            ConfigurationError: a seed outside gym-aloha's range, or an impossible object pose.
+        """
+        super().reset(seed=seed)
+        rng = self.np_random if seed is None else stock_generator(seed)
+        pose = (options or {}).get("object_pose")
+        self.world.reset(sample_object_pose(self.task, rng) if pose is None else pose)
+        for rule in self._rules.values():
+            rule.reset()
+        return self._observe(), self._info()
+
+    def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
+        """Advance 20 ms towards the joint targets ``action`` (14,).
+
+        Raises:
+            FeatureError: an action of the wrong shape or not finite.
+        """
+        self.world.step(action)
+        contacts = self.world.contacts()
+        for rule in self._rules.values():
+            rule.update(contacts)
+        info = self._info()
+        return self._observe(), float(self._reward(contacts)), info["is_success"], False, info
+
+    def render(self) -> np.ndarray | None:
+        """The ``top`` camera at visualization size, uint8 (height, width, 3); None without a render mode."""
+        if self.render_mode is None:
+            return None
+        return self._image("top", self.options.visualization_height, self.options.visualization_width)
+
+    def close(self) -> None:
+        """Free the OpenGL context, if one was ever opened."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def _info(self) -> dict[str, Any]:
+        successes = {f"success_{name}": rule.succeeded for name, rule in self._rules.items()}
+        return {"is_success": self._rules[self.options.success].succeeded, **successes}
+
+    def _observe(self) -> dict[str, Any]:
+        observation: dict[str, Any] = {}
+        if self.options.obs_type != "pixels":
+            observation["agent_pos"] = self.world.qpos()
+        if self.options.agent_vel:
+            observation["agent_vel"] = self.world.qvel()
+        if self.options.obs_type == "state":
+            observation["environment_state"] = self.world.environment_state()
+        else:
+            size = self.options.observation_height, self.options.observation_width
+            observation["pixels"] = {camera: self._image(camera, *size) for camera in self.options.cameras}
+        return observation
+
+    def _image(self, camera: str, height: int, width: int) -> np.ndarray:
+        if self._renderer is None:
+            self._renderer = OffscreenRenderer(
+                self.world.model,
+                max_height=max(self.options.observation_height, self.options.visualization_height),
+                max_width=max(self.options.observation_width, self.options.visualization_width),
+                effects=self.options.render_quality == "full",
+            )
+        return self._renderer.render(self.world.data, camera, height, width)
+
+    def _observation_space(self) -> spaces.Dict:
+        members: dict[str, spaces.Space[Any]] = {}
+        if self.options.obs_type != "pixels":
+            members["agent_pos"] = _wide_box(len(JOINT_NAMES))
+        if self.options.agent_vel:
+            members["agent_vel"] = _wide_box(len(JOINT_NAMES))
+        if self.options.obs_type == "state":
+            members["environment_state"] = _wide_box(get_task(self.task).pose_size)
+        else:
+            shape = (self.options.observation_height, self.options.observation_width, 3)
+            image = spaces.Box(0, 255, shape, np.uint8)
+            members["pixels"] = spaces.Dict(dict.fromkeys(self.options.cameras, image))
+        return spaces.Dict(members)
+
+    def _action_space(self) -> spaces.Box:
+        low, high = self.world.action_limits()
+        return spaces.Box(low.astype(np.float32), high.astype(np.float32))
+
+
+def _wide_box(size: int) -> spaces.Box:
+    return spaces.Box(-_WIDE, _WIDE, (size,), np.float64)

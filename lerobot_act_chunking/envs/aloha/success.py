@@ -1,0 +1,75 @@
+"""When an episode counts as a success: gym-aloha's touch, and a hold that a mere touch cannot satisfy."""
+
+from collections.abc import Callable
+
+from lerobot_act_chunking.envs.aloha import rewards
+from lerobot_act_chunking.envs.aloha.rewards import CUBE, PEG, PIN, SOCKET_WALLS, TABLE, Contacts
+from lerobot_act_chunking.envs.aloha.tasks import get_task
+from lerobot_act_chunking.errors import unknown_choice
+
+SUCCESS_RULES = ("touch", "hold")
+
+HOLD_STEPS = 10
+"""Consecutive control steps (0.2 s) a hold must last."""
+
+_FINGERS = ("10_left_gripper_finger", "10_right_gripper_finger")
+_LEFT_FINGERS = {f"vx300s_left/{finger}" for finger in _FINGERS}
+_RIGHT_FINGERS = {f"vx300s_right/{finger}" for finger in _FINGERS}
+_SOCKET = {*SOCKET_WALLS, PIN}
+
+
+class SuccessRule:
+    """Succeeds once a condition on the contacts has held for ``steps`` control steps in a row, and stays so.
+
+    Args:
+        condition: what must hold of the touching geoms.
+        steps: for how many consecutive control steps.
+    """
+
+    def __init__(self, condition: Callable[[Contacts], bool], steps: int) -> None:
+        self._condition = condition
+        self._steps = steps
+        self.reset()
+
+    def reset(self) -> None:
+        """Start a new episode."""
+        self._streak = 0
+        self.succeeded = False
+
+    def update(self, contacts: Contacts) -> bool:
+        """Take in one control step's contacts; whether the episode has succeeded by now."""
+        self._streak = self._streak + 1 if self._condition(contacts) else 0
+        self.succeeded = self.succeeded or self._streak >= self._steps
+        return self.succeeded
+
+
+def make_success_rule(name: str, task: str) -> SuccessRule:
+    """The rule ``touch`` (gym-aloha's reward 4 at any step) or ``hold`` (see ``cube_held``, ``peg_held``).
+
+    Raises:
+        ConfigurationError: unknown rule or task.
+    """
+    reward = get_task(task).reward
+    if name == "touch":
+        return SuccessRule(lambda contacts: reward(contacts) == rewards.MAX_REWARD, steps=1)
+    if name == "hold":
+        return SuccessRule(cube_held if task == "transfer_cube" else peg_held, steps=HOLD_STEPS)
+    raise unknown_choice("success rule", name, SUCCESS_RULES)
+
+
+def cube_held(contacts: Contacts) -> bool:
+    """The left fingers hold the cube and nothing but the left arm touches it, so it is off the table."""
+    touching = _touching(contacts, {CUBE})
+    return bool(touching & _LEFT_FINGERS) and all(geom.startswith("vx300s_left/") for geom in touching)
+
+
+def peg_held(contacts: Contacts) -> bool:
+    """The peg touches the pin; right fingers hold the peg, left fingers the socket, both off the table."""
+    peg, socket = _touching(contacts, {PEG}), _touching(contacts, _SOCKET)
+    held = bool(peg & _RIGHT_FINGERS) and bool(socket & _LEFT_FINGERS)
+    return held and PIN in peg and TABLE not in peg | socket
+
+
+def _touching(contacts: Contacts, parts: set[str]) -> set[str]:
+    """Names of the other geoms that touch any geom of the object made of ``parts``."""
+    return {b if a in parts else a for a, b in contacts if (a in parts) != (b in parts)}
