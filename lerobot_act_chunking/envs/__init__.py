@@ -1,1 +1,1 @@
-"""."""
+"""Simulated environments and their scripted experts."""

@@ -2,15 +2,16 @@
 
 import gymnasium as gym
 
-ENTRY_POINTS = {
-    "aloha_sim/TransferCube-v0": "transfer_cube",
-    "aloha_sim/Insertion-v0": "insertion",
+GYM_IDS = {
+    "transfer_cube": "aloha_sim/TransferCube-v0",
+    "insertion": "aloha_sim/Insertion-v0",
 }
+"""Gymnasium id of each ALOHA task."""
 
 
 def register_gymnasium_ids() -> None:
     """Register every environment once; the classes are imported only when one is made."""
-    for gym_id, task in ENTRY_POINTS.items():
+    for task, gym_id in GYM_IDS.items():
         if gym_id not in gym.registry:
             gym.register(
                 gym_id,

@@ -53,9 +53,7 @@ class AlohaSimOptions:
             _check_image_side(f"{use}_width", getattr(self, f"{use}_width"))
         self._check_cameras()
         if self.agent_vel and self.obs_type == "pixels":
-            raise ConfigurationError(
-                "agent_vel needs obs_type state or pixels_state; pixels holds images only"
-            )
+            raise ConfigurationError("agent_vel needs obs_type state or pixels_state; pixels is images only")
 
     def _check_cameras(self) -> None:
         if isinstance(self.cameras, str):
@@ -75,6 +73,4 @@ def _check_choice(what: str, value: object, choices: tuple[str, ...]) -> None:
 
 def _check_image_side(name: str, value: Any) -> None:
     if type(value) is not int or not 1 <= value <= MAX_IMAGE_SIDE:
-        raise ConfigurationError(
-            f"{name} is a whole number from 1 to {MAX_IMAGE_SIDE} [pixels], got {value!r}"
-        )
+        raise ConfigurationError(f"{name} is a whole number of pixels, 1 to {MAX_IMAGE_SIDE}, got {value!r}")

@@ -1,4 +1,4 @@
-"""The two ALOHA tasks: which MuJoCo model, where objects start, what gym-aloha rewards."""
+"""The ALOHA cell's joints and two tasks: which MuJoCo model, where objects start, what gym-aloha rewards."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,6 +10,12 @@ import numpy as np
 
 from lerobot_act_chunking.envs.aloha import rewards
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
+
+_ARM_JOINTS = ("waist", "shoulder", "elbow", "forearm_roll", "wrist_angle", "wrist_rotate", "gripper")
+JOINT_NAMES: tuple[str, ...] = tuple(
+    f"{side}_arm_{joint}" for side in ("left", "right") for joint in _ARM_JOINTS
+)
+"""Names of the 14 actions and joint positions. Arm joints are in rad, grippers 0 (closed) to 1 (open)."""
 
 _UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 _MAX_SEED = 2**32 - 1

@@ -7,6 +7,7 @@ import numpy as np
 
 from lerobot_act_chunking.envs.aloha.rewards import Contacts
 from lerobot_act_chunking.envs.aloha.tasks import (
+    JOINT_NAMES,
     TASKS,
     get_task,
     mjcf_path,
@@ -16,12 +17,6 @@ from lerobot_act_chunking.envs.aloha.tasks import (
 from lerobot_act_chunking.errors import ActChunkingError, ConfigurationError, FeatureError
 
 __all__ = ["JOINT_NAMES", "TASKS", "AlohaWorld", "sample_object_pose", "stock_generator"]
-
-_ARM_JOINTS = ("waist", "shoulder", "elbow", "forearm_roll", "wrist_angle", "wrist_rotate", "gripper")
-JOINT_NAMES: tuple[str, ...] = tuple(
-    f"{side}_arm_{joint}" for side in ("left", "right") for joint in _ARM_JOINTS
-)
-"""Names of the 14 actions and joint positions. Arm joints are in rad, grippers 0 (closed) to 1 (open)."""
 
 CONTROL_PERIOD = 0.02
 """Time between two actions [s]."""
