@@ -1,0 +1,81 @@
+"""The only door from LeRobot's batch dictionaries to typed tensors."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from lerobot_act_chunking.errors import FeatureError
+
+ACTION = "action"
+ACTION_IS_PAD = "action_is_pad"
+
+
+@dataclass(frozen=True)
+class FeatureSpec:
+    """Keys and shapes (without the batch axis) that a policy reads."""
+
+    vectors: Mapping[str, tuple[int, ...]]
+    images: Mapping[str, tuple[int, ...]]
+    action: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Observation:
+    """Normalised observations of the current step."""
+
+    vectors: dict[str, Float[Tensor, "B _"]]
+    images: dict[str, Float[Tensor, "B 3 _ _"]]
+
+    @classmethod
+    def from_lerobot(cls, batch: Mapping[str, Tensor], spec: FeatureSpec) -> "Observation":
+        """Pick the observations of ``spec``.
+
+        Raises:
+            FeatureError: naming a key that is absent or has another shape than the policy was built for.
+        """
+        return cls(
+            vectors={key: _take(batch, key, shape) for key, shape in spec.vectors.items()},
+            images={key: _take(batch, key, shape) for key, shape in spec.images.items()},
+        )
+
+
+@dataclass(frozen=True)
+class ActionTarget:
+    """The demonstrated, normalised actions; ``is_pad`` marks steps behind the end of the episode."""
+
+    actions: Float[Tensor, "B T A"]
+    is_pad: Bool[Tensor, "B T"]
+
+    @classmethod
+    def from_lerobot(cls, batch: Mapping[str, Tensor], spec: FeatureSpec, chunk_size: int) -> "ActionTarget":
+        """Pick the action chunk and its padding.
+
+        Raises:
+            FeatureError: naming a key that is absent or has another shape than the policy was built for.
+        """
+        return cls(
+            actions=_take(batch, ACTION, (chunk_size, *spec.action)),
+            is_pad=_take(batch, ACTION_IS_PAD, (chunk_size,)),
+        )
+
+
+def first_non_finite(batch: Mapping[str, object]) -> str | None:
+    """The first key of ``batch`` whose tensor holds a NaN or an infinity."""
+    for key, value in batch.items():
+        if isinstance(value, Tensor) and not torch.isfinite(value).all():
+            return key
+    return None
+
+
+def _take(batch: Mapping[str, Tensor], key: str, shape: tuple[int, ...]) -> Tensor:
+    if key not in batch:
+        raise FeatureError(f"the policy needs {key!r}, but the batch has only: {', '.join(sorted(batch))}")
+    value = batch[key]
+    if value.shape[1:] != torch.Size(shape):
+        raise FeatureError(
+            f"{key!r} has shape {tuple(value.shape[1:])} per sample, but the policy was built for {tuple(shape)}"
+        )
+    return value

@@ -1,0 +1,24 @@
+"""Averages that leave out the padded steps behind the end of an episode."""
+
+from typing import Literal
+
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+PadNormalization = Literal["valid", "all"]
+
+
+def per_sample_error(
+    error: Float[Tensor, "B T A"], is_pad: Bool[Tensor, "B T"], normalization: PadNormalization
+) -> Float[Tensor, " B"]:
+    """Errors of the valid steps, scaled so that their mean over the batch is the batch loss.
+
+    With ``valid`` the batch loss is the mean over all valid elements of the batch (LeRobot): a sample
+    counts by its valid steps. With ``all`` the sum is divided by all elements, padded ones included
+    (original ACT), which weakens the action loss against other terms near episode ends.
+    """
+    total = (error * ~is_pad[..., None]).sum((1, 2))
+    if normalization == "all":
+        return total / error[0].numel()
+    valid_steps_per_sample = (~is_pad).sum() / len(is_pad)
+    return total / (valid_steps_per_sample * error.shape[-1]).clamp_min(1 / len(is_pad))

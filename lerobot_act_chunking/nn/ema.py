@@ -1,0 +1,40 @@
+"""Exponential moving average of a network's weights."""
+
+from copy import deepcopy
+
+import torch
+from torch import Tensor, nn
+
+
+class WeightAverage(nn.Module):
+    """A slowly following copy of a network, for evaluation.
+
+    The decay rises with the number of updates, ``1 - step^-power`` up to ``max_value`` (Diffusion Policy's
+    schedule), so that a short run is not dominated by its initial weights. Weights and step are part of the
+    state dict: a resumed run continues exactly.
+    """
+
+    def __init__(self, network: nn.Module, *, power: float, max_value: float):
+        super().__init__()
+        self.network = deepcopy(network).requires_grad_(False)
+        self.power = power
+        self.max_value = max_value
+        self.step: Tensor
+        self.register_buffer("step", torch.zeros((), dtype=torch.int64))
+
+    def decay(self) -> float:
+        """Weight of the old average in the next update."""
+        return min(1 - max(int(self.step), 1) ** -self.power, self.max_value)
+
+    @torch.no_grad()
+    def update(self, network: nn.Module) -> None:
+        """Move the average towards ``network``; the first two updates copy it."""
+        ours, theirs = list(self.network.parameters()), list(network.parameters())
+        torch._foreach_lerp_(ours, theirs, 1 - self.decay())
+        self.step += 1
+
+    @torch.no_grad()
+    def restart(self, network: nn.Module) -> None:
+        """Begin a new average at ``network``."""
+        self.network.load_state_dict(network.state_dict())
+        self.step.zero_()

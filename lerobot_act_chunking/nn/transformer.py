@@ -1,0 +1,205 @@
+"""Transformer encoder and DETR-style decoder, in both norm orders.
+
+Positions are added to queries and keys of every layer, never to values (DETR, Carion et al. 2020).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor, nn
+
+from lerobot_act_chunking.nn.attention import Attention
+
+Activation = Literal["relu", "gelu"]
+
+
+@dataclass(frozen=True)
+class LayerSpec:
+    """The sizes all layers of one network share.
+
+    Attributes:
+        dim: token width.
+        n_heads: attention heads; divides ``dim``.
+        dim_feedforward: hidden width of the feed-forward branch.
+        dropout: probability, on attention weights, hidden units and every residual branch.
+        activation: of the feed-forward branch.
+        pre_norm: normalise before each branch (stable at high learning rates) instead of after it (as ACT).
+    """
+
+    dim: int
+    n_heads: int
+    dim_feedforward: int
+    dropout: float
+    activation: Activation
+    pre_norm: bool
+
+
+class FeedForward(nn.Module):
+    """Two linear layers with an activation between them."""
+
+    def __init__(self, spec: LayerSpec):
+        super().__init__()
+        self.expand = nn.Linear(spec.dim, spec.dim_feedforward)
+        self.activation = nn.ReLU() if spec.activation == "relu" else nn.GELU()
+        self.dropout = nn.Dropout(spec.dropout)
+        self.contract = nn.Linear(spec.dim_feedforward, spec.dim)
+
+    def forward(self, x: Float[Tensor, "*B D"]) -> Float[Tensor, "*B D"]:
+        """Apply to every token on its own."""
+        return self.contract(self.dropout(self.activation(self.expand(x))))
+
+
+class Residual(nn.Module):
+    """A branch with its skip connection, dropout and norm: the one place that knows both norm orders."""
+
+    def __init__(self, spec: LayerSpec):
+        super().__init__()
+        self.pre_norm = spec.pre_norm
+        self.norm = nn.LayerNorm(spec.dim)
+        self.dropout = nn.Dropout(spec.dropout)
+
+    def forward(
+        self, x: Float[Tensor, "#B #N D"], branch: Callable[[Tensor], Tensor]
+    ) -> Float[Tensor, "B M D"]:
+        """Add ``branch(x)`` to ``x``. A branch that returns only the first M tokens drops the others."""
+        y = self.dropout(branch(self.norm(x) if self.pre_norm else x))
+        y = x[:, : y.shape[1]] + y
+        return y if self.pre_norm else self.norm(y)
+
+
+class EncoderLayer(nn.Module):
+    """Self-attention, then feed-forward."""
+
+    def __init__(self, spec: LayerSpec):
+        super().__init__()
+        self.attention = Attention(spec.dim, spec.n_heads, spec.dropout)
+        self.feed_forward = FeedForward(spec)
+        self.attend = Residual(spec)
+        self.refine = Residual(spec)
+
+    def forward(
+        self,
+        x: Float[Tensor, "B N D"],
+        positions: Float[Tensor, "N D"],
+        is_pad: Bool[Tensor, "B N"] | None = None,
+        n_out: int | None = None,
+    ) -> Float[Tensor, "B M D"]:
+        """Encode, returning the first ``n_out`` tokens (all by default); the others only serve as keys."""
+
+        def attend(y: Tensor) -> Tensor:
+            placed = y + positions
+            return self.attention(placed[:, :n_out], placed, y, is_pad)
+
+        return self.refine(self.attend(x, attend), self.feed_forward)
+
+
+class Encoder(nn.Module):
+    """A stack of encoder layers, with a last norm in pre-norm order."""
+
+    def __init__(self, spec: LayerSpec, n_layers: int):
+        super().__init__()
+        self.layers = nn.ModuleList(EncoderLayer(spec) for _ in range(n_layers))
+        self.norm = nn.LayerNorm(spec.dim) if spec.pre_norm else nn.Identity()
+        init_like_act(self)
+
+    def forward(
+        self,
+        x: Float[Tensor, "B N D"],
+        positions: Float[Tensor, "N D"],
+        is_pad: Bool[Tensor, "B N"] | None = None,
+        n_out: int | None = None,
+    ) -> Float[Tensor, "B M D"]:
+        """Encode tokens. Asking for the first ``n_out`` only spares the last layer the rest; the result is equal."""
+        *body, last = self.layers
+        for layer in body:
+            x = layer(x, positions, is_pad)
+        return self.norm(last(x, positions, is_pad, n_out))
+
+
+class DecoderLayer(nn.Module):
+    """Self-attention between queries (not in the first layer, see `Decoder`), cross-attention, feed-forward."""
+
+    def __init__(self, spec: LayerSpec, *, queries_interact: bool):
+        super().__init__()
+        self.self_attention = Attention(spec.dim, spec.n_heads, spec.dropout) if queries_interact else None
+        self.mix = Residual(spec) if queries_interact else None
+        self.cross_attention = Attention(spec.dim, spec.n_heads, spec.dropout)
+        self.read = Residual(spec)
+        self.feed_forward = FeedForward(spec)
+        self.refine = Residual(spec)
+
+    def forward(
+        self,
+        x: Float[Tensor, "#B #Q D"],
+        query_positions: Float[Tensor, "Q D"],
+        memory_keys: Float[Tensor, "B N D"],
+        memory: Float[Tensor, "B N D"],
+    ) -> Float[Tensor, "B Q D"]:
+        """Refine queries ``x`` with what they find in ``memory``."""
+
+        def mix(y: Tensor) -> Tensor:
+            placed = y + query_positions
+            return self.self_attention(placed, placed, y)
+
+        if self.mix is not None:
+            x = self.mix(x, mix)
+        x = self.read(x, lambda y: self.cross_attention(y + query_positions, memory_keys, memory))
+        return self.refine(x, self.feed_forward)
+
+
+class Decoder(nn.Module):
+    """All action queries in parallel, from zero content and learned positions (ACT; DETR's object queries).
+
+    ACT's first layer attends between queries whose content is all zeros. Every value is then the same
+    vector, so its output is the same vector for each query and each input, whatever the weights: with
+    dropout off, that whole sub-layer (attention, projection, residual, and norm in post-norm order) is a
+    constant. Here it is one learned vector, ``start``. Outputs and gradients equal ACT's without dropout
+    (tests/parity); with dropout, the noise that ACT puts on this constant is left out. Queries first
+    interact in the second layer.
+    """
+
+    def __init__(self, spec: LayerSpec, n_layers: int, n_queries: int):
+        super().__init__()
+        self.start = nn.Parameter(torch.zeros(spec.dim))
+        self.query_positions = nn.Parameter(torch.randn(n_queries, spec.dim))
+        self.layers = nn.ModuleList(DecoderLayer(spec, queries_interact=i > 0) for i in range(n_layers))
+        self.norm = nn.LayerNorm(spec.dim)
+        init_like_act(self)
+
+    def forward(
+        self,
+        memory: Float[Tensor, "B N D"],
+        memory_positions: Float[Tensor, "N D"],
+        n_queries: int | None = None,
+    ) -> Float[Tensor, "B Q D"]:
+        """Decode the first ``n_queries`` action queries (default: all).
+
+        With several layers all queries are computed, since later layers let them interact.
+        """
+        needed = n_queries if len(self.layers) == 1 else None
+        positions = self.query_positions[:needed]
+        memory_keys = memory + memory_positions
+        x = self.start.expand(1, 1, -1)
+        for layer in self.layers:
+            x = layer(x, positions, memory_keys, memory)
+        return self.norm(x[:, :n_queries])
+
+
+def init_like_act(stack: Encoder | Decoder) -> None:
+    """Xavier-uniform matrices and zero attention biases, as ACT.
+
+    ACT initialises query, key and value as one (3D, D) matrix; the gain gives each of ours the same range.
+    """
+    for layer in stack.modules():
+        if isinstance(layer, Attention):
+            for projection in (layer.q_proj, layer.k_proj, layer.v_proj):
+                nn.init.xavier_uniform_(projection.weight, gain=0.5**0.5)
+            nn.init.xavier_uniform_(layer.out_proj.weight)
+            for projection in (layer.q_proj, layer.v_proj, layer.out_proj):
+                nn.init.zeros_(projection.bias)
+        elif isinstance(layer, FeedForward):
+            nn.init.xavier_uniform_(layer.expand.weight)
+            nn.init.xavier_uniform_(layer.contract.weight)
