@@ -1,1 +1,27 @@
-"""."""
+"""Recording demonstrations into LeRobotDatasets.
+
+``record(RecordSpec(...))`` plays a scripted expert and keeps its successes; ``record_source`` does the same
+for any ``EpisodeSource``. ``read_summary`` tells how a dataset was recorded.
+"""
+
+from lerobot_act_chunking.recording.aloha import AlohaSource, record
+from lerobot_act_chunking.recording.episode import DatasetFormat, Episode, EpisodeSource
+from lerobot_act_chunking.recording.recorder import RecordingProgress, RecordResult, Target, record_source
+from lerobot_act_chunking.recording.spec import RecordSpec
+from lerobot_act_chunking.recording.summary import RecordedEpisode, RecordingSummary, read_summary
+
+__all__ = [
+    "AlohaSource",
+    "DatasetFormat",
+    "Episode",
+    "EpisodeSource",
+    "RecordResult",
+    "RecordSpec",
+    "RecordedEpisode",
+    "RecordingProgress",
+    "RecordingSummary",
+    "Target",
+    "read_summary",
+    "record",
+    "record_source",
+]

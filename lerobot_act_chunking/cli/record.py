@@ -1,0 +1,89 @@
+"""``act-chunking record``: scripted demonstrations into a LeRobotDataset."""
+
+from pathlib import Path
+from typing import Annotated, Any, cast
+
+import typer
+
+
+def record_command(
+    repo_id: Annotated[str, typer.Option(help="Name of the dataset, user/name.")],
+    root: Annotated[
+        Path | None,
+        typer.Option(help="Folder of the dataset. [default: where LeRobot looks for the repo id]"),
+    ] = None,
+    task: Annotated[str, typer.Option(help="transfer_cube or insertion.")] = "transfer_cube",
+    episodes: Annotated[int, typer.Option(help="Successful episodes to record.")] = 50,
+    obs: Annotated[
+        str, typer.Option(help="state (joints, objects), pixels (cameras) or pixels_state (cameras, joints).")
+    ] = "state",
+    velocity: Annotated[bool, typer.Option("--velocity", help="Also record joint velocities.")] = False,
+    cameras: Annotated[
+        str, typer.Option(help="Cameras, as in top,angle,left_wrist. [default: top, none with --obs state]")
+    ] = "",
+    image_height: Annotated[int, typer.Option(help="Height of every camera's video [px].")] = 480,
+    image_width: Annotated[int, typer.Option(help="Width of every camera's video [px].")] = 640,
+    render_quality: Annotated[
+        str, typer.Option(help="full (gym-aloha's look) or fast (no shadows and reflections; for CPUs).")
+    ] = "full",
+    success: Annotated[
+        str, typer.Option(help="What counts as success: hold (lifted and held) or touch (gym-aloha's).")
+    ] = "hold",
+    seed: Annotated[int, typer.Option(help="Seed of the first episode; lerobot-eval begins at 1000.")] = 0,
+    speed: Annotated[float, typer.Option(help="The expert's pace, 1 is nominal.")] = 1.0,
+    waypoint_noise: Annotated[float, typer.Option(help="Random shift of free way-points, std [m].")] = 0.0,
+    action_noise: Annotated[
+        float, typer.Option(help="Disturbance of the executed targets, std [rad]; recorded ones stay clean.")
+    ] = 0.0,
+    dwell: Annotated[float, typer.Option(help="Pause at each grasp and release [s].")] = 0.0,
+    workers: Annotated[int, typer.Option(help="Processes that play episodes; the dataset is the same.")] = 1,
+) -> None:
+    """Record an expert's successful episodes as a LeRobotDataset.
+
+    Can be stopped at any moment: the same command goes on from there, and the dataset appears when complete.
+    """
+    from lerobot_act_chunking.envs.experts import ExpertOptions
+    from lerobot_act_chunking.recording import RecordSpec
+
+    _run(
+        RecordSpec(
+            repo_id=repo_id,
+            root=root,
+            task=cast(Any, task),
+            episodes=episodes,
+            obs=cast(Any, obs),
+            velocity=velocity,
+            cameras=tuple(name.strip() for name in cameras.split(",") if name.strip()),
+            image_height=image_height,
+            image_width=image_width,
+            render_quality=cast(Any, render_quality),
+            success=cast(Any, success),
+            seed=seed,
+            expert=ExpertOptions(speed, waypoint_noise, action_noise, dwell),
+            workers=workers,
+        )
+    )
+
+
+def _run(spec: Any) -> None:
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from lerobot_act_chunking.recording import RecordingProgress, record
+
+    console = Console()
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console) as bar:
+        line = bar.add_task(f"recording {spec.task}", total=spec.episodes)
+
+        def show(progress: RecordingProgress) -> None:
+            failed = f", {progress.failed} failed" if progress.failed else ""
+            bar.update(line, completed=progress.recorded, description=f"recording {spec.task}{failed}")
+
+        result = record(spec, progress=show)
+        bar.update(line, completed=result.episodes)
+    console.print(
+        f"{'was already complete' if result.already_complete else 'recorded'}: {result.episodes} episodes, "
+        f"{result.frames} frames; the expert succeeded in {result.episodes} of {result.attempts} attempts"
+    )
+    console.print(f"dataset: {result.root}", soft_wrap=True, highlight=False)

@@ -1,0 +1,86 @@
+"""What a recording says about itself: ``meta/recording.json``.
+
+LeRobot leaves unknown files in ``meta/`` alone, and pushes and downloads them with the dataset. Its dataset
+editing (merge, split, delete episodes) makes new datasets without them.
+"""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lerobot_act_chunking.errors import DatasetError
+
+SUMMARY_PATH = "meta/recording.json"
+
+
+@dataclass(frozen=True)
+class RecordedEpisode:
+    """One episode of the dataset.
+
+    Attributes:
+        episode_index: LeRobot's index.
+        seed: the seed it was played with.
+        success: always true: failures are not recorded.
+        frames: its length.
+        details: what the source kept, such as the success rules met and the expert's options.
+    """
+
+    episode_index: int
+    seed: int
+    success: bool
+    frames: int
+    details: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class RecordingSummary:
+    """How a dataset was made.
+
+    Attributes:
+        settings: what the episodes depend on.
+        versions: the packages they were made with.
+        failed_seeds: seeds in between whose attempts failed.
+        episodes: one entry per episode, in order.
+    """
+
+    settings: dict[str, Any]
+    versions: dict[str, str]
+    failed_seeds: tuple[int, ...]
+    episodes: tuple[RecordedEpisode, ...]
+
+    @property
+    def frames(self) -> int:
+        """Frames of all episodes."""
+        return sum(episode.frames for episode in self.episodes)
+
+    @property
+    def attempts(self) -> int:
+        """Episodes played to get the recorded ones."""
+        return len(self.episodes) + len(self.failed_seeds)
+
+    @property
+    def next_seed(self) -> int:
+        """The first seed that was not played."""
+        return self.settings["first_seed"] + self.attempts
+
+
+def read_summary(root: Path) -> RecordingSummary:
+    """Read back how the dataset at ``root`` was recorded.
+
+    Raises:
+        DatasetError: no dataset there, or one that was not recorded by this package.
+    """
+    path = Path(root) / SUMMARY_PATH
+    if not path.exists():
+        raise DatasetError(f"{root} holds no dataset recorded by act-chunking ({SUMMARY_PATH} is missing)")
+    try:
+        content = json.loads(path.read_text())
+        return RecordingSummary(
+            settings=content["settings"],
+            versions=content["versions"],
+            failed_seeds=tuple(content["failed_seeds"]),
+            episodes=tuple(RecordedEpisode(**entry) for entry in content["episodes"]),
+        )
+    except (ValueError, KeyError, TypeError) as error:
+        raise DatasetError(f"{path} is damaged ({error}); record the dataset again") from error
