@@ -1,8 +1,10 @@
 """LeRobot's view of this package's environments: ``--env.type=aloha_sim``."""
 
 from dataclasses import dataclass, fields
+from multiprocessing import get_context
 from typing import Any
 
+import gymnasium as gym
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs.configs import EnvConfig
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_IMAGES, OBS_STATE, OBS_STR
@@ -13,6 +15,7 @@ from lerobot_act_chunking.envs.registration import GYM_IDS
 from lerobot_act_chunking.errors import ConfigurationError
 
 _FPS = 50
+_WORKER_MODULES = ("lerobot.scripts.lerobot_eval", __name__, "lerobot_act_chunking.envs.aloha.env")
 
 
 @EnvConfig.register_subclass("aloha_sim")
@@ -56,6 +59,18 @@ class AlohaSimEnvConfig(AlohaSimOptions, EnvConfig):  # pyright: ignore[reportIn
         """Arguments for ``gymnasium.make``."""
         options = {option.name: getattr(self, option.name) for option in fields(AlohaSimOptions)}
         return {**options, "max_episode_steps": self.episode_length}
+
+    def create_envs(
+        self, n_envs: int, use_async_envs: bool = False
+    ) -> dict[str, dict[int, gym.vector.VectorEnv]]:
+        """``n_envs`` environments in one vector environment, as ``{"aloha_sim": {0: vector}}``.
+
+        Asynchronous workers start from Python's fork server, and each imports the running LeRobot command
+        anew; imported once in the server they share it, and four workers start in the time of one.
+        """
+        if use_async_envs and n_envs > 1:
+            get_context("forkserver").set_forkserver_preload([*_WORKER_MODULES])
+        return super().create_envs(n_envs, use_async_envs)
 
     def _features(self) -> dict[str, PolicyFeature]:
         joints = (len(JOINT_NAMES),)
