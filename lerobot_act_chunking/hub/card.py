@@ -1,0 +1,73 @@
+"""What a model card says about an action-chunking policy, beyond LeRobot's text for every policy."""
+
+import shlex
+from typing import Any, Protocol
+
+from lerobot_act_chunking.hub.install import LOCAL_HUB
+
+
+class ChunkSettings(Protocol):
+    """The part of a policy configuration that the card describes."""
+
+    type: str
+    repo_id: str | None
+    chunk_size: int
+    input_features: Any
+    output_features: Any
+
+
+def policy_section(config: ChunkSettings, *, command: list[str], fps: float | None = None) -> str:
+    """Markdown that says what goes in, what comes out, how it is executed, how it was trained, how to run it.
+
+    Args:
+        config: the policy's configuration.
+        command: the command line that trained it (``sys.argv``).
+        fps: the dataset's frame rate [Hz], for durations in seconds.
+    """
+    repo_id = config.repo_id or "<repo id>"
+    parts = [
+        f"## How `{config.type}` acts",
+        _execution(config, fps),
+        "**Inputs**",
+        _features(config.input_features),
+        "**Outputs**",
+        _features(config.output_features),
+        "## Training command",
+        _code(shlex.join([command[0].rpartition("/")[2], *command[1:]]) if command else "unknown"),
+        "## Running it",
+        "Install `lerobot_policy_act_chunking`, then, with the folder that the policy was pushed to:",
+        _code(f"{LOCAL_HUB}=/path/to/hub lerobot-eval --policy.path={repo_id} --env.type=<type>"),
+        f"From the Hugging Face Hub the same command works without `{LOCAL_HUB}`.",
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _execution(config: ChunkSettings, fps: float | None) -> str:
+    executed = getattr(config, "n_action_steps", None)
+    ensemble = getattr(config, "temporal_ensemble_coeff", None)
+    lines = [
+        f"- each query predicts a chunk of {config.chunk_size} actions{_seconds(config.chunk_size, fps)}"
+    ]
+    if ensemble is not None:
+        lines.append(
+            f"- overlapping chunks are averaged with weights exp(-{ensemble:g} i), i = 0 for the oldest"
+        )
+    if executed is not None:
+        lines.append(f"- {executed} actions are executed{_seconds(executed, fps)} before the next query")
+    return "\n".join(lines)
+
+
+def _seconds(steps: int, fps: float | None) -> str:
+    return "" if not fps else f" ({steps / fps:.2f} s at {fps:g} Hz)"
+
+
+def _features(features: Any) -> str:
+    rows = [
+        f"| `{name}` | {feature.type.value} | {tuple(feature.shape)} |"
+        for name, feature in (features or {}).items()
+    ]
+    return "\n".join(["| feature | type | shape |", "| --- | --- | --- |", *rows])
+
+
+def _code(text: str) -> str:
+    return f"```bash\n{text}\n```"

@@ -1,0 +1,81 @@
+"""A revision's description: which file is which blob, and where the revision came from."""
+
+import getpass
+import hashlib
+import json
+import uuid
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+
+from lerobot_act_chunking.hub.names import is_commit
+from lerobot_act_chunking.hub.refusal import RefusedError
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One file of a revision: its blob's name (SHA-256, hex) and its size [bytes]."""
+
+    digest: str
+    size: int
+
+
+@dataclass(frozen=True)
+class Commit:
+    """One revision. Its id is the SHA-1 of its own description, so a damaged description betrays itself."""
+
+    title: str
+    description: str
+    author: str
+    date: str
+    parent: str | None
+    nonce: str
+    files: dict[str, Entry]
+
+    @classmethod
+    def now(cls, *, title: str, description: str, parent: str | None, files: dict[str, Entry]) -> "Commit":
+        """A new revision made by the current user at this moment."""
+        return cls(
+            title=title,
+            description=description,
+            author=current_user(),
+            date=datetime.now(UTC).isoformat(),
+            parent=parent,
+            nonce=uuid.uuid4().hex,
+            files=files,
+        )
+
+    def to_json(self) -> bytes:
+        """The canonical bytes that the id is computed from."""
+        return json.dumps(asdict(self), sort_keys=True, separators=(",", ":")).encode()
+
+    @property
+    def commit_id(self) -> str:
+        """The revision's id [40 hex digits], as git would shape it."""
+        return hashlib.sha1(self.to_json(), usedforsecurity=False).hexdigest()
+
+    @classmethod
+    def from_json(cls, data: bytes, commit_id: str) -> "Commit":
+        """Read a description back.
+
+        Raises:
+            RefusedError: it is not the description of ``commit_id`` (damaged on disk).
+        """
+        try:
+            fields = json.loads(data)
+            fields["files"] = {path: Entry(**entry) for path, entry in fields["files"].items()}
+            commit = cls(**fields)
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            raise RefusedError(f"the description of revision {commit_id} is damaged: {error}", 422) from error
+        if not is_commit(commit_id) or commit.commit_id != commit_id:
+            raise RefusedError(
+                f"the description of revision {commit_id} is damaged: its checksum differs", 422
+            )
+        return commit
+
+
+def current_user() -> str:
+    """The login name, or a stand-in where the system has none (a container with a bare user number)."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return "unknown"

@@ -1,0 +1,157 @@
+"""Durable file operations: what is visible under its final name is complete, also after a power cut."""
+
+import contextlib
+import errno
+import hashlib
+import os
+import shutil
+import uuid
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from lerobot_act_chunking.hub.refusal import RefusedError
+
+CHUNK = 1 << 20
+"""How much of a file is in memory at a time [bytes]."""
+
+DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
+_NO_FOLDER_SYNC = (errno.EINVAL, errno.EACCES, errno.ENOTSUP, errno.EBADF)
+
+
+@dataclass(frozen=True)
+class Received:
+    """A body streamed to disk that waits to be published: where it is, its SHA-256, its size [bytes]."""
+
+    path: Path
+    digest: str
+    size: int
+
+
+@contextmanager
+def scratch_path(folder: Path) -> Iterator[Path]:
+    """A fresh path in ``folder`` for a file or tree under construction; removed if it was not moved away."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / uuid.uuid4().hex
+    try:
+        yield path
+    finally:
+        remove(path)
+
+
+@contextmanager
+def received(chunks: Iterable[bytes], folder: Path) -> Iterator[Received]:
+    """Stream ``chunks`` into a scratch file of ``folder``, hashing on the way, and force it to disk.
+
+    Never holds more than one chunk. The file disappears at the end unless it was published (moved away).
+    """
+    with scratch_path(folder) as path:
+        digest, size = hashlib.sha256(), 0
+        # Plain open, not tempfile: its 0600 would ignore the umask that a shared folder relies on.
+        with path.open("xb", buffering=CHUNK) as file:
+            for chunk in chunks:
+                digest.update(chunk)
+                file.write(chunk)
+                size += len(chunk)
+            force_to_disk(file.fileno(), file.flush)
+        yield Received(path, digest.hexdigest(), size)
+
+
+def force_to_disk(descriptor: int, flush=lambda: None) -> None:
+    """Flush Python's buffer, then the kernel's."""
+    flush()
+    os.fsync(descriptor)
+
+
+def sync_folder(folder: Path) -> None:
+    """Make renames inside ``folder`` survive a power cut, where the file system can promise that."""
+    if os.name == "nt":  # Windows has no handle to sync a folder with
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno not in _NO_FOLDER_SYNC:
+            raise
+    finally:
+        os.close(descriptor)
+
+
+def publish(source: Path, target: Path) -> None:
+    """Give a finished file or folder its final name, atomically, replacing an existing file."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    source.replace(target)
+    sync_folder(target.parent)
+
+
+def write_durably(target: Path, data: bytes, scratch: Path) -> None:
+    """Write a small file so that readers see the old content or the new, never a mixture."""
+    with received([data], scratch) as body:
+        publish(body.path, target)
+
+
+def place(source: Path, target: Path, link: str) -> None:
+    """Make ``target`` show ``source``: by the relative symlink ``link``, else a hard link, else a copy."""
+    with contextlib.suppress(NotImplementedError), _unless_disk_full():
+        target.symlink_to(link)
+        return
+    with contextlib.suppress(NotImplementedError), _unless_disk_full():
+        target.hardlink_to(source)
+        return
+    with source.open("rb") as reader, target.open("xb") as writer:
+        shutil.copyfileobj(reader, writer, CHUNK)
+        force_to_disk(writer.fileno(), writer.flush)
+
+
+@contextmanager
+def _unless_disk_full() -> Iterator[None]:
+    # A file system without links answers EPERM, ENOTSUP, EINVAL, ... depending on its kind; a full one must not
+    # look like one of those.
+    try:
+        yield
+    except OSError as error:
+        if error.errno in DISK_FULL:
+            raise
+
+
+def read_chunks(path: Path, start: int = 0) -> Iterator[bytes]:
+    """A file's bytes from ``start`` on, a chunk at a time."""
+    with path.open("rb") as file:
+        file.seek(start)
+        while chunk := file.read(CHUNK):
+            yield chunk
+
+
+def sha256_of(path: Path) -> str:
+    """A file's SHA-256 [hex]."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def git_sha1_of(path: Path) -> str:
+    """A file's git blob id [hex], the name huggingface_hub gives small files of the real Hub."""
+    digest = hashlib.sha1(b"blob %d\0" % path.stat().st_size, usedforsecurity=False)
+    for chunk in read_chunks(path):
+        digest.update(chunk)
+    return digest.hexdigest()
+
+
+def is_inside(path: Path, folder: Path) -> bool:
+    """Whether ``path``, with every symlink followed, stays in ``folder``."""
+    return Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))
+
+
+def require_inside(path: Path, folder: Path) -> Path:
+    """``path`` itself, refused if a symlink leads it out of ``folder``."""
+    if not is_inside(path, folder):
+        raise RefusedError(f"{path} leads out of {folder} through a symlink; remove that link", 403)
+    return path
+
+
+def remove(path: Path) -> None:
+    """Delete a file or a tree; nothing happens if it is gone already."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)

@@ -1,0 +1,227 @@
+"""Writing to one repository: blobs, revisions, branches and tags.
+
+Order is what makes a kill harmless: blobs first, then the description and the snapshot (both built aside and
+renamed), and the ref last. Callers hold the repository's lock for everything except receiving blobs.
+"""
+
+import contextlib
+import os
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from lerobot_act_chunking.hub import files
+from lerobot_act_chunking.hub.commits import Commit, Entry
+from lerobot_act_chunking.hub.names import checked_path, checked_ref, is_sha256
+from lerobot_act_chunking.hub.refusal import RefusedError, conflict, entry_not_found, revision_not_found
+from lerobot_act_chunking.hub.repository import MAIN, Repository
+
+ABANDONED = 24 * 3600.0
+"""Age after which a half-received body belongs to a push that died [s]."""
+
+Operation = Callable[[dict[str, Entry]], None]
+"""One step of a commit: changes the path → entry table in place."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """What a push asks for: a message, operations in order, and the revision it expects to build on, if any."""
+
+    title: str
+    description: str
+    operations: list[Operation]
+    expected_parent: str | None = None
+
+
+def receive_blob(
+    repository: Repository, chunks: Iterable[bytes], digest: str | None = None, size: int | None = None
+) -> Entry:
+    """Stream content into the repository, under its SHA-256.
+
+    Raises:
+        RefusedError: it is not what ``digest`` and ``size`` [bytes] announced; nothing is kept.
+    """
+    with files.received(chunks, repository.incoming) as body:
+        if size is not None and body.size != size:
+            raise RefusedError(f"announced {size} bytes but received {body.size}; nothing was stored")
+        if digest is not None and body.digest != digest:
+            raise RefusedError(f"announced SHA-256 {digest} but received {body.digest}; nothing was stored")
+        files.publish(body.path, repository.blob(body.digest))
+        return Entry(body.digest, body.size)
+
+
+def renew_blob(repository: Repository, entry: Entry) -> bool:
+    """Whether the blob is here already, marked as in use by a push under way so that no clean-up takes it.
+
+    A blob of another user in a shared folder cannot be marked; it counts as absent and is sent once more.
+    """
+    if not repository.has_blob(entry):
+        return False
+    try:
+        os.utime(repository.blob(entry.digest))
+    except OSError:
+        return False
+    return True
+
+
+def add(repository: Repository, path: str, entry: Entry) -> Operation:
+    """Put a blob that has been received at ``path``."""
+    path = checked_path(path)
+
+    def apply(table: dict[str, Entry]) -> None:
+        if not repository.has_blob(entry):
+            raise RefusedError(f"the content of {path!r} is not in {repository.blobs} (any more); push again")
+        table[path] = entry
+
+    return apply
+
+
+def delete_file(repository: Repository, path: str) -> Operation:
+    """Drop the file at ``path``."""
+    path = checked_path(path)
+
+    def apply(table: dict[str, Entry]) -> None:
+        if table.pop(path, None) is None:
+            raise entry_not_found(repository.name.repo_id, MAIN, path)
+
+    return apply
+
+
+def delete_folder(path: str) -> Operation:
+    """Drop every file below ``path``."""
+    prefix = checked_path(path.rstrip("/")) + "/"
+
+    def apply(table: dict[str, Entry]) -> None:
+        for gone in [p for p in table if p.startswith(prefix)]:
+            del table[gone]
+
+    return apply
+
+
+def publish_revision(repository: Repository, branch: str, change: Change) -> str:
+    """Apply a change on top of a branch's newest revision and move the branch to the result.
+
+    Returns:
+        The new revision's id.
+
+    Raises:
+        RefusedError: the branch does not exist, is a tag, or moved since ``expected_parent``; or an operation
+            is impossible.
+    """
+    parent = _parent(repository, branch, change.expected_parent)
+    table = dict(repository.commit(parent).files) if parent else {}
+    for operation in change.operations:
+        operation(table)
+    _check_folders(table)
+    commit = Commit.now(title=change.title, description=change.description, parent=parent, files=table)
+    _write_snapshot(repository, commit, parent)
+    _point(repository, branch, commit.commit_id)
+    _sweep(repository.incoming)
+    return commit.commit_id
+
+
+def create_branch(repository: Repository, branch: str, revision: str) -> None:
+    """A branch that starts at ``revision``."""
+    _new_name(repository, branch)
+    _point(repository, branch, repository.resolve(revision))
+
+
+def create_tag(repository: Repository, tag: str, revision: str) -> None:
+    """A name for ``revision`` that pushes do not move."""
+    _new_name(repository, tag)
+    # The mark goes first: a tag whose creation is killed is no ref at all rather than a branch.
+    files.write_durably(repository.tag_folder / tag, b"", repository.incoming)
+    _point(repository, tag, repository.resolve(revision))
+
+
+def delete_ref(repository: Repository, ref: str, *, tag: bool) -> None:
+    """Forget a tag or a branch; the revision itself stays."""
+    path = files.require_inside(repository.ref_folder / checked_ref(ref), repository.folder)
+    if not path.is_file() or tag != (ref in repository.tags()):
+        raise revision_not_found(repository.name.repo_id, ref, sorted(repository.refs()))
+    if ref == MAIN:
+        raise RefusedError(f"branch {MAIN!r} cannot be deleted; delete the repository instead", 403)
+    path.unlink()
+    with contextlib.suppress(FileNotFoundError):
+        (repository.tag_folder / ref).unlink()
+    files.sync_folder(path.parent)
+
+
+def _parent(repository: Repository, branch: str, expected: str | None) -> str | None:
+    parent = repository.head(branch)
+    if branch in repository.tags():
+        raise RefusedError(f"{branch!r} is a tag of {repository.name.repo_id!r}; push to a branch")
+    if parent is None and branch in repository.refs():
+        raise RefusedError(
+            f"branch {branch!r} is damaged; see: act-chunking hub verify {repository.name.repo_id}", 422
+        )
+    if parent is None and branch != MAIN:
+        raise revision_not_found(repository.name.repo_id, branch, sorted(repository.refs()))
+    if expected is not None and expected != parent:
+        raise RefusedError(
+            f"{branch!r} is at {parent}, not at {expected}: somebody pushed in between; load it first", 412
+        )
+    return parent
+
+
+def _check_folders(table: dict[str, Entry]) -> None:
+    folders = {parent.as_posix() for path in table for parent in PurePosixPath(path).parents}
+    for path in table:
+        if path in folders:
+            raise RefusedError(
+                f"{path!r} cannot be a file and a folder at once; delete the one or rename the other"
+            )
+
+
+def _new_name(repository: Repository, ref: str) -> None:
+    checked_ref(ref)
+    refs = repository.refs()
+    if ref in refs:
+        kind = "tag" if ref in repository.tags() else "branch"
+        raise conflict(f"{repository.name.repo_id!r} already has a {kind} {ref!r}")
+    if any(other.startswith(f"{ref}/") or ref.startswith(f"{other}/") for other in refs):
+        raise RefusedError(
+            f"{ref!r} clashes with another branch or tag that is a folder of it, or the other way round"
+        )
+
+
+def _point(repository: Repository, ref: str, commit_id: str) -> None:
+    path = files.require_inside(repository.ref_folder / ref, repository.folder)
+    files.write_durably(path, commit_id.encode(), repository.incoming)
+
+
+def _write_snapshot(repository: Repository, commit: Commit, parent: str | None) -> None:
+    commit_id = commit.commit_id
+    with files.scratch_path(repository.incoming) as tree:
+        tree.mkdir()
+        for path, entry in commit.files.items():
+            _place_file(repository, tree / path, entry, repository.snapshots / str(parent) / path)
+        for folder, _, _ in tree.walk():
+            files.sync_folder(folder)
+        description = repository.commit_folder / f"{commit_id}.json"
+        files.write_durably(description, commit.to_json(), repository.incoming)
+        files.publish(tree, repository.snapshots / commit_id)
+
+
+def _place_file(repository: Repository, target: Path, entry: Entry, previous: Path) -> None:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    blob = repository.blob(entry.digest)
+    if is_sha256(entry.digest) and not blob.exists() and previous.is_file():
+        # A downloaded revision without symlinks holds its only copy in the snapshot itself.
+        receive_blob(repository, files.read_chunks(previous), entry.digest, entry.size)
+    depth = len(target.relative_to(repository.incoming).parts)
+    files.place(blob, target, "../" * depth + f"blobs/{entry.digest}")
+
+
+def _sweep(incoming: Path) -> None:
+    """Remove what killed pushes left half received."""
+    for path in incoming.iterdir():
+        with contextlib.suppress(OSError):  # somebody else's, or gone already
+            if time.time() - path.stat().st_mtime > ABANDONED:
+                files.remove(path)
+
+
+def leftovers(repository: Repository) -> list[Path]:
+    """Bodies that are being received, or that killed pushes left half received."""
+    return sorted(repository.incoming.iterdir()) if repository.incoming.is_dir() else []
