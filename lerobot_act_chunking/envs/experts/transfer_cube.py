@@ -1,9 +1,12 @@
 """The script of transfer_cube: the right arm picks the cube from above, the left arm takes it head-on.
 
-The right fingers come down vertically on two sides of the cube. On the way up the gripper swings to the
-horizontal, which turns the cube by exactly 90 degrees: it is level again when the left gripper, also
-horizontal and rolled by 90 degrees, closes on its top and bottom. The two pairs of fingers hold different
-faces and cannot meet, so an error of a centimetre in any direction still ends in a hand-over.
+The right fingers come down vertically on the two sides of the cube that lie along world x. On the way up the
+gripper swings to the horizontal, which turns the cube by exactly 90 degrees: it is level again, held from above
+and below, when the left gripper, also horizontal, closes on its two free sides. The pairs of fingers cannot
+meet, so errors of more than a centimetre in any direction still end in a hand-over.
+
+During the hand-over both arms drift together, so that no moment of the episode looks like a standstill: policies
+trained on experts that pause get stuck in the pauses.
 """
 
 import numpy as np
@@ -11,45 +14,52 @@ import numpy as np
 from lerobot_act_chunking.envs.experts.kinematics import bearing
 from lerobot_act_chunking.envs.experts.motion import ArmScript, Script, Stroke
 
-_DOWN, _LEVEL, _SIDEWAYS = np.pi / 2, 0.0, np.pi / 2
+_DOWN, _LEVEL = np.pi / 2, 0.0
+_RIGHT_ROLL = np.pi / 2  # fingers open along world x when vertical, along world z when horizontal
 _OPEN, _CLOSED = (1.0,), (0.0,)
 _CUBE_HEIGHT = 0.02
-_MEETING = (0.0, 0.5, 0.25)
+_MEETING_Y, _MEETING_Z = 0.5, 0.24
+_DRIFT_FROM, _DRIFT_TO = 0.015, -0.015  # world x at which the arms meet and part
+_DRIFT_TIME = (3.1, 4.8)
+# The cube sags a little between the right fingers; the left hand meets it there, slightly past its middle.
+_SAG, _REACH_PAST = 0.006, 0.006
 
 
 def script(object_pose: np.ndarray) -> Script:
     """The script for a cube at ``object_pose`` (7,)."""
     x, y = object_pose[:2].tolist()
-    return Script(
-        left=_taking_arm(),
-        right=_giving_arm(x, y, bearing("right", x, y)),
-        duration=5.6,
-        pauses=(1.9, 3.7),
-    )
+    roll = bearing("right", x, y) + _RIGHT_ROLL
+    return Script(left=_taking_arm(), right=_giving_arm(x, y, roll), duration=5.4, pauses=(1.8, 3.85))
 
 
 def _giving_arm(x: float, y: float, roll: float) -> ArmScript:
-    meet_x, meet_y, meet_z = _MEETING
+    def horizontal(at_x: float) -> tuple[float, ...]:
+        return (at_x, _MEETING_Y, _MEETING_Z, _LEVEL, _RIGHT_ROLL)
+
     return ArmScript(
         tool=(
             Stroke(-0.25, 1.3, (x, y, 0.13, _DOWN, roll), free=True),
-            Stroke(0.8, 1.8, (x, y, _CUBE_HEIGHT, _DOWN, roll)),
-            Stroke(1.9, 2.9, (x, y, 0.14, _DOWN, roll)),
-            Stroke(2.1, 3.4, (meet_x + 0.08, meet_y, meet_z, _LEVEL, 0.0), free=True),
-            Stroke(3.0, 3.7, (*_MEETING, _LEVEL, 0.0)),
-            Stroke(4.1, 5.8, (meet_x + 0.14, meet_y, meet_z, _LEVEL, 0.0)),
+            Stroke(0.8, 1.85, (x, y, _CUBE_HEIGHT, _DOWN, roll)),
+            Stroke(1.75, 2.85, (x, y, 0.14, _DOWN, roll)),
+            Stroke(1.95, 3.45, horizontal(_DRIFT_FROM + 0.08), free=True),
+            Stroke(2.95, 3.75, horizontal(_DRIFT_FROM)),
+            Stroke(*_DRIFT_TIME, horizontal(_DRIFT_TO)),
+            Stroke(4.1, 5.6, horizontal(_DRIFT_TO + 0.14)),
         ),
-        gripper=(Stroke(-0.1, 0.9, _OPEN), Stroke(1.6, 2.0, _CLOSED), Stroke(4.0, 4.4, _OPEN)),
+        gripper=(Stroke(-0.1, 0.9, _OPEN), Stroke(1.55, 1.95, _CLOSED), Stroke(3.95, 4.35, _OPEN)),
     )
 
 
 def _taking_arm() -> ArmScript:
-    meet_x, meet_y, meet_z = _MEETING
+    def horizontal(at_x: float) -> tuple[float, ...]:
+        return (at_x, _MEETING_Y, _MEETING_Z - _SAG, _LEVEL, 0.0)
+
     return ArmScript(
         tool=(
-            Stroke(-0.25, 3.0, (meet_x - 0.12, meet_y, meet_z, _LEVEL, _SIDEWAYS), free=True),
-            Stroke(2.8, 3.7, (*_MEETING, _LEVEL, _SIDEWAYS)),
-            Stroke(4.3, 5.8, (meet_x - 0.1, meet_y, meet_z, _LEVEL, _SIDEWAYS)),
+            Stroke(-0.25, 3.0, horizontal(_DRIFT_FROM - 0.12), free=True),
+            Stroke(2.7, 3.75, horizontal(_DRIFT_FROM + _REACH_PAST)),
+            Stroke(*_DRIFT_TIME, horizontal(_DRIFT_TO + _REACH_PAST)),
+            Stroke(4.15, 5.6, horizontal(_DRIFT_TO - 0.085)),
         ),
-        gripper=(Stroke(1.2, 2.6, _OPEN), Stroke(3.5, 3.9, _CLOSED)),
+        gripper=(Stroke(0.8, 2.4, _OPEN), Stroke(3.5, 3.9, _CLOSED)),
     )
