@@ -1,12 +1,12 @@
 """The script of transfer_cube: the right arm picks the cube from above, the left arm takes it head-on.
 
 The right fingers come down vertically on the two sides of the cube that lie along world x. On the way up the
-gripper swings to the horizontal, which turns the cube by exactly 90 degrees: it is level again, held from above
-and below, when the left gripper, also horizontal, closes on its two free sides. The pairs of fingers cannot
-meet, so errors of more than a centimetre in any direction still end in a hand-over.
+gripper swings to the horizontal, which turns the cube by exactly 90 degrees: it is level again, held from
+above and below, when the left gripper, also horizontal, closes on its two free sides. The pairs of fingers
+cannot meet, so errors of more than a centimetre in any direction still end in a hand-over.
 
-During the hand-over both arms drift together, so that no moment of the episode looks like a standstill: policies
-trained on experts that pause get stuck in the pauses.
+During the hand-over both arms drift together, so that no moment of the episode looks like a standstill:
+policies trained on experts that pause get stuck in the pauses.
 """
 
 import numpy as np
