@@ -1,0 +1,130 @@
+"""LeRobot's items, gathered from columnar memory."""
+
+import copy
+from collections.abc import Sequence
+from typing import Any
+
+import datasets
+import numpy as np
+import torch
+from jaxtyping import Int64
+from lerobot.datasets.dataset_reader import DatasetReader
+from torch import Tensor
+
+from lerobot_act_chunking.data.fast_chunks.columns import Column, numeric_columns
+from lerobot_act_chunking.data.fast_chunks.windows import EpisodeWindows
+
+Item = dict[str, Any]
+
+
+class ChunkReader:
+    """Builds the items of a LeRobot ``DatasetReader``, whose data are loaded, for many frames at once.
+
+    Numbers come from arrays. Other columns (images, text, language) go through LeRobot's own row conversion,
+    and what concerns cameras (decoding, transforms, depth units) through LeRobot's own ``get_item``, which is
+    handed the gathered row in place of its table.
+
+    ``columns`` are the numeric columns by key; ``whole`` tells whether items need nothing but what is
+    gathered.
+    """
+
+    def __init__(self, reader: DatasetReader):
+        self._parts = _parts(reader)
+        self._table: Any = reader.hf_dataset
+        self.columns = numeric_columns(self._table)
+        meta: Any = reader._meta
+        self._windows = EpisodeWindows(
+            np.asarray(meta.episodes["dataset_from_index"][:]),
+            np.asarray(meta.episodes["dataset_to_index"][:]),
+            reader._absolute_to_relative_idx,
+        )
+        self._tasks = meta.tasks.index.tolist()
+        self._keys = self._table.column_names
+        self._steps = {key: tuple(steps) for key, steps in (reader.delta_indices or {}).items()}
+        self._offsets = {steps: np.asarray(steps) for steps in self._steps.values()}
+        slow = [key for key in self._keys if key not in self.columns]
+        self._slow_rows = self._table.select_columns([key for key in slow if key not in self._steps])
+        self._slow_chunks = {key: self._table.select_columns([key]) for key in slow if key in self._steps}
+        self.whole = not meta.camera_keys and self._steps.keys() <= self.columns.keys()
+
+    def __len__(self) -> int:
+        return len(self._table)
+
+    def is_current(self, reader: DatasetReader) -> bool:
+        """Whether nothing that the arrays were built from has been replaced since."""
+        return all(now is then for now, then in zip(_parts(reader), self._parts, strict=True))
+
+    def items(self, reader: DatasetReader, rows: Int64[np.ndarray, " B"]) -> list[Item]:
+        """What ``reader.get_item`` returns for each of these rows of its table.
+
+        The tensors of one key are views of one gathered array; no two items share numbers.
+        """
+        columns = self._gather(rows)
+        items = [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
+        return items if self.whole else [self._finish(reader, item) for item in items]
+
+    def _gather(self, rows: Int64[np.ndarray, " B"]) -> dict[str, Sequence[Any]]:
+        """All values of the items, key by key in LeRobot's order, each a sequence of length B."""
+        index, episode, task = (
+            self.columns[key].gather(rows).numpy() for key in ("index", "episode_index", "task_index")
+        )
+        windows = {
+            steps: self._windows.rows(index, episode, offsets) for steps, offsets in self._offsets.items()
+        }
+        slow = [self._slow_rows[row] for row in rows.tolist()] if self._slow_rows.column_names else []
+        gathered: dict[str, Sequence[Any]] = {}
+        for key in self._keys:
+            if key in self.columns:
+                wanted = windows[self._steps[key]][0] if key in self._steps else rows
+                gathered[key] = self.columns[key].gather(wanted).unbind()
+            elif key in self._slow_chunks:
+                gathered[key] = [None] * len(rows)  # keeps the place of what LeRobot fills in afterwards
+            else:
+                gathered[key] = [row[key] for row in slow]
+        for key, steps in self._steps.items():
+            gathered[f"{key}_is_pad"] = torch.from_numpy(windows[steps][1].copy()).unbind()
+        gathered["task"] = [self._tasks[number] for number in task.tolist()]
+        return gathered
+
+    def _finish(self, reader: DatasetReader, item: Item) -> Item:
+        """Adds what only LeRobot's code provides: cameras, and chunks of columns that hold no numbers."""
+        rest: Any = copy.copy(reader)
+        rest.hf_dataset = GatheredRow(item, self.columns["timestamp"], self._slow_chunks)
+        rest.delta_indices = {
+            key: list(steps) for key, steps in self._steps.items() if key not in self.columns
+        } or None
+        return rest.get_item(item["index"])
+
+
+class GatheredRow:
+    """Stands in for the table inside LeRobot's ``get_item``: the wanted row is there already.
+
+    LeRobot asks it for the row itself (a number), for the timestamps of a chunk of video frames (a list of
+    rows), and for a column of images to take a chunk from (a key).
+    """
+
+    def __init__(self, item: Item, timestamps: Column, chunks: dict[str, datasets.Dataset]):
+        self._item = item
+        self._timestamps = timestamps
+        self._chunks = chunks
+
+    def __getitem__(self, key: int | Tensor | list[int] | str) -> Any:
+        if isinstance(key, str):
+            return self._chunks[key][key]
+        if isinstance(key, list):
+            return {"timestamp": list(self._timestamps.gather(np.asarray(key)))}
+        return self._item
+
+
+def _parts(reader: DatasetReader) -> tuple[object, ...]:
+    """Everything a ``ChunkReader`` is built from, to be compared by identity."""
+    table, meta = reader.hf_dataset, reader._meta
+    return (
+        table,
+        getattr(table, "_format_kwargs", None),  # replaced by every set_transform and set_format
+        reader.delta_indices,
+        reader._absolute_to_relative_idx,
+        meta.episodes,
+        meta.tasks,
+        torch.get_default_dtype(),
+    )
