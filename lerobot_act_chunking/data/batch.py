@@ -76,6 +76,6 @@ def _take(batch: Mapping[str, Tensor], key: str, shape: tuple[int, ...]) -> Tens
     value = batch[key]
     if value.shape[1:] != torch.Size(shape):
         raise FeatureError(
-            f"{key!r} has shape {tuple(value.shape[1:])} per sample, but the policy was built for {tuple(shape)}"
+            f"{key!r} has shape {tuple(value.shape[1:])} per sample, but the policy was built for {shape}"
         )
     return value

@@ -20,5 +20,5 @@ def per_sample_error(
     total = (error * ~is_pad[..., None]).sum((1, 2))
     if normalization == "all":
         return total / error[0].numel()
-    valid_steps_per_sample = (~is_pad).sum() / len(is_pad)
-    return total / (valid_steps_per_sample * error.shape[-1]).clamp_min(1 / len(is_pad))
+    n_valid = (~is_pad).sum() * error.shape[-1]
+    return total * len(is_pad) / n_valid.clamp_min(1)

@@ -38,7 +38,7 @@ class ChunkTiming:
 
     @property
     def observation_deltas(self) -> list[int] | None:
-        """Steps of the observations; None for the current one alone, which LeRobot then loads without a time axis."""
+        """Steps of the observations; None for the current one alone, loaded without a time axis."""
         return None if self.n_obs_steps == 1 else list(range(1 - self.n_obs_steps, 1))
 
     @property

@@ -6,9 +6,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from lerobot_act_chunking.execution.executor import ChunkBuffer
 
-class TemporalEnsemble:
-    """Executes, at each step, the weighted mean of all predictions made for it (ACT, Zhao et al. 2023, alg. 2).
+
+class TemporalEnsemble(ChunkBuffer):
+    """Executes the weighted mean of all predictions for the current step (ACT, Zhao et al. 2023, alg. 2).
 
     Predictions for one step, numbered i = 0, 1, ... from the oldest, weigh ``exp(-coeff * n_action_steps *
     i)``, as in LeRobot (which replans at every step): a positive coefficient favours old predictions, a
@@ -51,9 +53,9 @@ class TemporalEnsemble:
 
 
 def ensemble_gains(n_chunks: int, decay: float) -> Float[Tensor, " C"]:
-    """Share that the prediction after c others takes in their mean: ``w_c / sum(w_0 ... w_c)``, w_i = exp(-decay i).
+    """Share of the prediction that follows c others in their common mean, for c = 0, 1, ...
 
-    Computed from ratios of at most 1. Float64, to be cast where it is used.
+    It is ``w_c / (w_0 + ... + w_c)`` with ``w_i = exp(-decay * i)``, from ratios of at most 1, in float64.
     """
     ratios = torch.exp(-abs(decay) * torch.arange(n_chunks, dtype=torch.float64))
     totals = ratios.cumsum(0)

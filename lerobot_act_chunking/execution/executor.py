@@ -1,28 +1,29 @@
 """When to ask for a new chunk, and which action to execute meanwhile."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Protocol
 
 from jaxtyping import Float
 from torch import Tensor
 
-Chunk = Float[Tensor, "B T A"]
 
-
-class ChunkBuffer(Protocol):
+class ChunkBuffer(ABC):
     """Holds predicted chunks and releases one action per step."""
 
+    @abstractmethod
     def add(self, chunk: Float[Tensor, "B T A"]) -> None:
         """Take in a chunk whose first action is for the current step."""
 
+    @abstractmethod
     def pop(self) -> Float[Tensor, "B A"]:
         """The action of the current step; moves on to the next step."""
 
+    @abstractmethod
     def reset(self) -> None:
         """Forget everything."""
 
 
-class NewestChunk:
+class NewestChunk(ChunkBuffer):
     """Follows the most recent chunk and nothing else."""
 
     def __init__(self):

@@ -1,1 +1,1 @@
-"""Neural blocks: attention, transformer, positions, vision, observations, style. No LeRobot, no config objects."""
+"""Neural blocks: observation tokens, transformer, style encoder, weight average. No LeRobot, no configs."""

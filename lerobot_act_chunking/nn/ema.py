@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 
-class WeightAverage(nn.Module):
+class WeightAverage[NetworkT: nn.Module](nn.Module):
     """A slowly following copy of a network, for evaluation.
 
     The decay rises with the number of updates, ``1 - step^-power`` up to ``max_value`` (Diffusion Policy's
@@ -14,9 +14,9 @@ class WeightAverage(nn.Module):
     state dict: a resumed run continues exactly.
     """
 
-    def __init__(self, network: nn.Module, *, power: float, max_value: float):
+    def __init__(self, network: NetworkT, *, power: float, max_value: float):
         super().__init__()
-        self.network = deepcopy(network).requires_grad_(False)
+        self.network: NetworkT = deepcopy(network).requires_grad_(False)
         self.power = power
         self.max_value = max_value
         self.step: Tensor
@@ -27,14 +27,15 @@ class WeightAverage(nn.Module):
         return min(1 - max(int(self.step), 1) ** -self.power, self.max_value)
 
     @torch.no_grad()
-    def update(self, network: nn.Module) -> None:
+    def update(self, network: NetworkT) -> None:
         """Move the average towards ``network``; the first two updates copy it."""
-        ours, theirs = list(self.network.parameters()), list(network.parameters())
-        torch._foreach_lerp_(ours, theirs, 1 - self.decay())
+        ours: list[Tensor] = list(self.network.parameters())
+        theirs: list[Tensor] = list(network.parameters())
+        torch._foreach_lerp_(ours, theirs, 1 - self.decay())  # pyright: ignore[reportPrivateImportUsage]
         self.step += 1
 
     @torch.no_grad()
-    def restart(self, network: nn.Module) -> None:
+    def restart(self, network: NetworkT) -> None:
         """Begin a new average at ``network``."""
         self.network.load_state_dict(network.state_dict())
         self.step.zero_()

@@ -10,7 +10,7 @@ TEMPERATURE = 10_000.0
 
 
 def sequence_positions(length: int, dim: int) -> Float[Tensor, "N D"]:
-    """Sine and cosine positions of a sequence ("Attention Is All You Need", section 3.5), computed in float64."""
+    """Sine and cosine positions of a sequence ("Attention Is All You Need", section 3.5)."""
     frequency = TEMPERATURE ** (-2 * (torch.arange(dim, dtype=torch.float64) // 2) / dim)
     angle = torch.arange(length, dtype=torch.float64)[:, None] * frequency
     return _interleaved(angle).float()
@@ -27,9 +27,9 @@ def image_positions(height: int, width: int, dim: int) -> Float[Tensor, "N D"]:
         dim: token width, a multiple of 4.
     """
     half = dim // 2
-    frequency = 1 / TEMPERATURE ** (2 * (torch.arange(half, dtype=torch.float32) // 2) / half)
+    period = TEMPERATURE ** (2 * (torch.arange(half, dtype=torch.float32) // 2) / half)
     y, x = (
-        _interleaved(torch.arange(1, n + 1)[:, None] / (n + 1e-6) * (2 * math.pi) * frequency)
+        _interleaved(torch.arange(1, n + 1)[:, None] / (n + 1e-6) * (2 * math.pi) / period)
         for n in (height, width)
     )
     grid = torch.cat((y[:, None].expand(-1, width, -1), x[None].expand(height, -1, -1)), dim=-1)

@@ -31,6 +31,7 @@ class StyleEncoder(nn.Module):
         self.action_proj = nn.Linear(action_dim, spec.dim)
         self.encoder = Encoder(spec, n_layers)
         self.posterior_proj = nn.Linear(spec.dim, 2 * latent_dim)
+        self.latent_proj = nn.Linear(latent_dim, spec.dim, bias=False)
         n_leading = 1 if state_dim is None else 2
         self.positions: Tensor
         self.register_buffer(
@@ -53,6 +54,10 @@ class StyleEncoder(nn.Module):
         mean, log_variance = self.posterior_proj(cls).chunk(2, dim=-1)
         return mean, log_variance
 
+    def embed(self, latent: Float[Tensor, "B L"]) -> Float[Tensor, "B D"]:
+        """What a latent adds to the policy's style token; nothing for the zero latent that ACT acts with."""
+        return self.latent_proj(latent)
+
 
 def sample_latent(
     mean: Float[Tensor, "B L"], log_variance: Float[Tensor, "B L"], noise: Float[Tensor, "B L"]
@@ -64,5 +69,5 @@ def sample_latent(
 def kl_to_standard_normal(
     mean: Float[Tensor, "B L"], log_variance: Float[Tensor, "B L"]
 ) -> Float[Tensor, " B"]:
-    """KL(q || N(0, I)) of each sample in nats, summed over latent dimensions (Kingma & Welling 2014, app. B)."""
+    """KL(q || N(0, I)) of each sample [nats], summed over the latent (Kingma & Welling 2014, appendix B)."""
     return -0.5 * (1 + log_variance - mean.square() - log_variance.exp()).sum(-1)

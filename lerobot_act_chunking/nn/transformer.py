@@ -37,21 +37,6 @@ class LayerSpec:
     pre_norm: bool
 
 
-class FeedForward(nn.Module):
-    """Two linear layers with an activation between them."""
-
-    def __init__(self, spec: LayerSpec):
-        super().__init__()
-        self.expand = nn.Linear(spec.dim, spec.dim_feedforward)
-        self.activation = nn.ReLU() if spec.activation == "relu" else nn.GELU()
-        self.dropout = nn.Dropout(spec.dropout)
-        self.contract = nn.Linear(spec.dim_feedforward, spec.dim)
-
-    def forward(self, x: Float[Tensor, "*B D"]) -> Float[Tensor, "*B D"]:
-        """Apply to every token on its own."""
-        return self.contract(self.dropout(self.activation(self.expand(x))))
-
-
 class Residual(nn.Module):
     """A branch with its skip connection, dropout and norm: the one place that knows both norm orders."""
 
@@ -61,13 +46,67 @@ class Residual(nn.Module):
         self.norm = nn.LayerNorm(spec.dim)
         self.dropout = nn.Dropout(spec.dropout)
 
-    def forward(
-        self, x: Float[Tensor, "#B #N D"], branch: Callable[[Tensor], Tensor]
-    ) -> Float[Tensor, "B M D"]:
+    def add(self, x: Float[Tensor, "#B #N D"], branch: Callable[[Tensor], Tensor]) -> Float[Tensor, "B M D"]:
         """Add ``branch(x)`` to ``x``. A branch that returns only the first M tokens drops the others."""
         y = self.dropout(branch(self.norm(x) if self.pre_norm else x))
         y = x[:, : y.shape[1]] + y
         return y if self.pre_norm else self.norm(y)
+
+
+class SelfAttention(Residual):
+    """Tokens attend to each other."""
+
+    def __init__(self, spec: LayerSpec):
+        super().__init__(spec)
+        self.attention = Attention(spec.dim, spec.n_heads, spec.dropout)
+
+    def forward(
+        self,
+        x: Float[Tensor, "#B #N D"],
+        positions: Float[Tensor, "N D"],
+        is_pad: Bool[Tensor, "#B N"] | None = None,
+        n_out: int | None = None,
+    ) -> Float[Tensor, "B M D"]:
+        """Mix all tokens into the first ``n_out`` (all by default); the others only serve as keys."""
+
+        def mix(y: Tensor) -> Tensor:
+            placed = y + positions
+            return self.attention(placed[:, :n_out], placed, y, is_pad)
+
+        return self.add(x, mix)
+
+
+class CrossAttention(Residual):
+    """Queries attend to a memory."""
+
+    def __init__(self, spec: LayerSpec):
+        super().__init__(spec)
+        self.attention = Attention(spec.dim, spec.n_heads, spec.dropout)
+
+    def forward(
+        self,
+        x: Float[Tensor, "#B #Q D"],
+        positions: Float[Tensor, "Q D"],
+        memory_keys: Float[Tensor, "B N D"],
+        memory: Float[Tensor, "B N D"],
+    ) -> Float[Tensor, "B Q D"]:
+        """Add to each query what it finds in ``memory``; ``memory_keys`` is ``memory`` with its positions."""
+        return self.add(x, lambda y: self.attention(y + positions, memory_keys, memory))
+
+
+class FeedForward(Residual):
+    """Two linear layers on every token, with an activation between them."""
+
+    def __init__(self, spec: LayerSpec):
+        super().__init__(spec)
+        self.expand = nn.Linear(spec.dim, spec.dim_feedforward)
+        self.activation = nn.ReLU() if spec.activation == "relu" else nn.GELU()
+        self.hidden_dropout = nn.Dropout(spec.dropout)
+        self.contract = nn.Linear(spec.dim_feedforward, spec.dim)
+
+    def forward(self, x: Float[Tensor, "B N D"]) -> Float[Tensor, "B N D"]:
+        """Refine every token on its own."""
+        return self.add(x, lambda y: self.contract(self.hidden_dropout(self.activation(self.expand(y)))))
 
 
 class EncoderLayer(nn.Module):
@@ -75,10 +114,8 @@ class EncoderLayer(nn.Module):
 
     def __init__(self, spec: LayerSpec):
         super().__init__()
-        self.attention = Attention(spec.dim, spec.n_heads, spec.dropout)
-        self.feed_forward = FeedForward(spec)
-        self.attend = Residual(spec)
-        self.refine = Residual(spec)
+        self.mix = SelfAttention(spec)
+        self.refine = FeedForward(spec)
 
     def forward(
         self,
@@ -87,13 +124,8 @@ class EncoderLayer(nn.Module):
         is_pad: Bool[Tensor, "B N"] | None = None,
         n_out: int | None = None,
     ) -> Float[Tensor, "B M D"]:
-        """Encode, returning the first ``n_out`` tokens (all by default); the others only serve as keys."""
-
-        def attend(y: Tensor) -> Tensor:
-            placed = y + positions
-            return self.attention(placed[:, :n_out], placed, y, is_pad)
-
-        return self.refine(self.attend(x, attend), self.feed_forward)
+        """Encode the first ``n_out`` tokens (all by default), which see all others."""
+        return self.refine(self.mix(x, positions, is_pad, n_out))
 
 
 class Encoder(nn.Module):
@@ -112,7 +144,7 @@ class Encoder(nn.Module):
         is_pad: Bool[Tensor, "B N"] | None = None,
         n_out: int | None = None,
     ) -> Float[Tensor, "B M D"]:
-        """Encode tokens. Asking for the first ``n_out`` only spares the last layer the rest; the result is equal."""
+        """Encode all tokens, or the first ``n_out``: the same values, but the last layer skips the others."""
         *body, last = self.layers
         for layer in body:
             x = layer(x, positions, is_pad)
@@ -120,34 +152,25 @@ class Encoder(nn.Module):
 
 
 class DecoderLayer(nn.Module):
-    """Self-attention between queries (not in the first layer, see `Decoder`), cross-attention, feed-forward."""
+    """Self-attention of the queries (not in the first layer, see `Decoder`), cross-attention, feed-forward."""
 
     def __init__(self, spec: LayerSpec, *, queries_interact: bool):
         super().__init__()
-        self.self_attention = Attention(spec.dim, spec.n_heads, spec.dropout) if queries_interact else None
-        self.mix = Residual(spec) if queries_interact else None
-        self.cross_attention = Attention(spec.dim, spec.n_heads, spec.dropout)
-        self.read = Residual(spec)
-        self.feed_forward = FeedForward(spec)
-        self.refine = Residual(spec)
+        self.mix = SelfAttention(spec) if queries_interact else None
+        self.read = CrossAttention(spec)
+        self.refine = FeedForward(spec)
 
     def forward(
         self,
         x: Float[Tensor, "#B #Q D"],
-        query_positions: Float[Tensor, "Q D"],
+        positions: Float[Tensor, "Q D"],
         memory_keys: Float[Tensor, "B N D"],
         memory: Float[Tensor, "B N D"],
     ) -> Float[Tensor, "B Q D"]:
         """Refine queries ``x`` with what they find in ``memory``."""
-
-        def mix(y: Tensor) -> Tensor:
-            placed = y + query_positions
-            return self.self_attention(placed, placed, y)
-
         if self.mix is not None:
-            x = self.mix(x, mix)
-        x = self.read(x, lambda y: self.cross_attention(y + query_positions, memory_keys, memory))
-        return self.refine(x, self.feed_forward)
+            x = self.mix(x, positions)
+        return self.refine(self.read(x, positions, memory_keys, memory))
 
 
 class Decoder(nn.Module):
@@ -201,5 +224,5 @@ def init_like_act(stack: Encoder | Decoder) -> None:
             for projection in (layer.q_proj, layer.v_proj, layer.out_proj):
                 nn.init.zeros_(projection.bias)
         elif isinstance(layer, FeedForward):
-            nn.init.xavier_uniform_(layer.expand.weight)
-            nn.init.xavier_uniform_(layer.contract.weight)
+            for linear in (layer.expand, layer.contract):
+                nn.init.xavier_uniform_(linear.weight)

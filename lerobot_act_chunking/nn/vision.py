@@ -8,7 +8,7 @@ import torch
 import torchvision
 from jaxtyping import Float
 from torch import Tensor, nn
-from torchvision.models import WeightsEnum
+from torchvision.models import ResNet, WeightsEnum, resnet18, resnet34, resnet50
 from torchvision.ops.misc import FrozenBatchNorm2d
 
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
@@ -16,6 +16,7 @@ from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 Backbone = Literal["small_cnn", "resnet18", "resnet34", "resnet50"]
 BackboneNorm = Literal["group", "frozen_batch"]
 
+RESNETS = {"resnet18": resnet18, "resnet34": resnet34, "resnet50": resnet50}
 GROUP_SIZE = 16  # channels per group, as in Diffusion Policy's ResNet
 
 
@@ -38,10 +39,10 @@ def make_backbone(name: Backbone, norm: BackboneNorm, weights: str | None) -> tu
     if name == "small_cnn":
         return SmallCnn(), SmallCnn.CHANNELS[-1]
     norm_layer = FrozenBatchNorm2d if norm == "frozen_batch" else group_norm
-    resnet = torchvision.models.get_model(name, weights=None, norm_layer=norm_layer)
+    resnet: ResNet = RESNETS[name](weights=None, norm_layer=norm_layer)
     if weights is not None:
         resnet.load_state_dict(cached_weights(name, weights).get_state_dict(check_hash=True))
-    body = [(child_name, child) for child_name, child in resnet.named_children()][:-2]
+    body = list(resnet.named_children())[:-2]
     return nn.Sequential(OrderedDict(body)), resnet.fc.in_features
 
 

@@ -1,1 +1,1 @@
-"""LeRobot policies; each folder holds the triple configuration_, modeling_, processor_ that LeRobot looks for."""
+"""LeRobot policies: each folder holds the triple configuration_, modeling_, processor_ LeRobot looks for."""

@@ -1,14 +1,23 @@
 """Dataset statistics fit for normalisation: finite, complete, and with a least spread."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Protocol
 
 import torch
-from lerobot.configs import NormalizationMode, PreTrainedConfig
+from lerobot.configs import NormalizationMode, PolicyFeature
 
 from lerobot_act_chunking.errors import DatasetError
 
 Statistics = Mapping[str, Mapping[str, Any]]
+
+
+class NormalizingConfig(Protocol):
+    """The part of a policy's configuration that normalisation reads."""
+
+    input_features: dict[str, PolicyFeature] | None
+    output_features: dict[str, PolicyFeature] | None
+    normalization_mapping: dict[str, NormalizationMode]
+
 
 NEEDED = {
     NormalizationMode.IDENTITY: (),
@@ -19,7 +28,7 @@ NEEDED = {
 }
 
 
-def check_statistics(config: PreTrainedConfig, stats: Statistics) -> None:
+def check_statistics(config: NormalizingConfig, stats: Statistics) -> None:
     """Refuse statistics that would normalise silently wrong.
 
     Raises:
@@ -35,7 +44,7 @@ def check_statistics(config: PreTrainedConfig, stats: Statistics) -> None:
 
 
 def floored_statistics(
-    config: PreTrainedConfig, stats: Statistics, floor: float
+    config: NormalizingConfig, stats: Statistics, floor: float
 ) -> dict[str, dict[str, Any]]:
     """A copy of ``stats`` in which no normalisation divides by less than ``floor`` (raw units).
 
@@ -61,7 +70,7 @@ def floored_statistics(
     return floored
 
 
-def _by_feature(config: PreTrainedConfig) -> dict[str, tuple[str, ...]]:
+def _by_feature(config: NormalizingConfig) -> dict[str, tuple[str, ...]]:
     features = {**(config.input_features or {}), **(config.output_features or {})}
     modes = config.normalization_mapping
     return {
@@ -70,5 +79,5 @@ def _by_feature(config: PreTrainedConfig) -> dict[str, tuple[str, ...]]:
     }
 
 
-def _needed_statistics(config: PreTrainedConfig) -> list[tuple[str, str]]:
+def _needed_statistics(config: NormalizingConfig) -> list[tuple[str, str]]:
     return [(key, name) for key, names in _by_feature(config).items() for name in names]

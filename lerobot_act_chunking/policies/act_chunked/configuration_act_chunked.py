@@ -36,19 +36,15 @@ class ActChunkedConfig(PreTrainedConfig):
         n_action_steps: executed actions per chunk before the next inference [control steps]; by default the
             whole chunk, or 1 with temporal ensembling, as in ACT.
         actions_per_query: consecutive actions that each decoder query emits; divides ``chunk_size``. 1 is
-        ACT;
-            more makes long chunks cheap.
+            ACT; more makes long chunks cheap.
         normalization_mapping: how each type of feature is normalised. LeRobot's ACT leaves the environment
-        state
-            as it is.
+            state as it is.
         norm_std_floor: least spread that normalisation divides by, in raw units (0 = none).
         vision_backbone: a torchvision ResNet, or ``small_cnn`` for small images on a CPU.
         pretrained_backbone_weights: torchvision weights such as ``ResNet18_Weights.IMAGENET1K_V1``. They
-        must be in
-            torch hub's cache; nothing is downloaded.
+            must be in torch hub's cache; nothing is downloaded.
         backbone_norm: normalisation layers of a ResNet. Pretrained weights need ``frozen_batch``; without
-        them it
-            amounts to no normalisation at all.
+            them it amounts to no normalisation at all.
         pre_norm: normalise before each transformer branch instead of after it.
         dim_model: token width, a multiple of 4 and of ``n_heads``.
         n_heads: attention heads.
@@ -62,9 +58,10 @@ class ActChunkedConfig(PreTrainedConfig):
         n_vae_encoder_layers: layers of its encoder.
         kl_weight: weight of its KL divergence [nats, summed over dimensions] beside the mean absolute error.
         pad_normalization: average the action error over ``valid`` elements (LeRobot) or ``all`` (original
-        ACT). temporal_ensemble_coeff: average overlapping chunks with weights ``exp(-coeff * age rank)``, 0
-        the oldest:
-            ACT uses 0.01, negative values favour new predictions. None executes the newest chunk only.
+            ACT).
+        temporal_ensemble_coeff: execute the mean of overlapping chunks, each weighted by its age: i steps newer
+            than the oldest, ``exp(-coeff * i)``. ACT uses 0.01; negative values favour new chunks. None
+            executes the newest chunk alone.
         use_ema: act with an exponential moving average of the weights.
         ema_power: the average's decay after n updates is ``1 - n ** -ema_power`` ...
         ema_max_value: ... up to this; use 0.999 for runs under 10 000 steps.
@@ -144,8 +141,8 @@ class ActChunkedConfig(PreTrainedConfig):
             )
         if self.temporal_ensemble_coeff is not None and timing.n_action_steps == timing.chunk_size:
             raise ConfigurationError(
-                f"temporal_ensemble_coeff needs overlapping chunks: set n_action_steps (now {self.n_action_steps}) "
-                f"below chunk_size={self.chunk_size}; 1 replans at every step, as ACT"
+                f"temporal_ensemble_coeff needs overlapping chunks: n_action_steps={timing.n_action_steps} must "
+                f"be below chunk_size={self.chunk_size}; 1 replans at every step, as ACT does"
             )
         for count, divisor in (
             ("chunk_size", "actions_per_query"),

@@ -33,8 +33,8 @@ class ActChunkedPolicy(PreTrainedPolicy):
     Batches are LeRobot's: normalised, on the policy's device. None is ever changed.
     """
 
-    config_class = ActChunkedConfig
-    name = "act_chunked"
+    config_class = ActChunkedConfig  # pyright: ignore[reportAssignmentType]  (LeRobot declares None)
+    name = "act_chunked"  # pyright: ignore[reportAssignmentType]
     _fsdp_wrap_modules = ["EncoderLayer", "DecoderLayer"]  # noqa: RUF012 (LeRobot's declaration of its type)
 
     def __init__(
@@ -102,8 +102,8 @@ class ActChunkedPolicy(PreTrainedPolicy):
         """
         observation = Observation.from_lerobot(batch, self.feature_spec)
         target = ActionTarget.from_lerobot(batch, self.feature_spec, self.config.chunk_size)
-        latent, divergence = self._encode_style(observation, target)
-        error = self.model.head.error(self._network(observation, latent), target.actions)
+        style, divergence = self._encode_style(observation, target)
+        error = self.model.head.error(self._network(observation, style), target.actions)
         loss = l1 = per_sample_error(error, target.is_pad, self.config.pad_normalization)
         terms = {"l1_loss": l1.mean()}
         if divergence is not None:
@@ -117,13 +117,14 @@ class ActChunkedPolicy(PreTrainedPolicy):
     def _encode_style(
         self, observation: Observation, target: ActionTarget
     ) -> tuple[Tensor, Tensor] | tuple[None, None]:
-        """Sampled latent and its KL divergence; only in training, as in ACT."""
-        if self.model.style_encoder is None or not self.training:
+        """Embedding of a sampled latent, and its KL divergence; only in training, as in ACT."""
+        encoder = self.model.style_encoder
+        if encoder is None or not self.training:
             return None, None
         state = observation.vectors.get(OBS_STATE)
-        mean, log_variance = self.model.style_encoder(target.actions, target.is_pad, state)
+        mean, log_variance = encoder(target.actions, target.is_pad, state)
         latent = sample_latent(mean, log_variance, torch.randn_like(mean))
-        return latent, kl_to_standard_normal(mean, log_variance)
+        return encoder.embed(latent), kl_to_standard_normal(mean, log_variance)
 
     @property
     def _network(self) -> ActNetwork:
@@ -159,7 +160,7 @@ class ActChunkedPolicy(PreTrainedPolicy):
         if self.ema is not None:
             self.ema.update(self.model)
 
-    def get_optim_params(self) -> list[dict[str, Any]]:
+    def get_optim_params(self) -> list[dict[str, Any]]:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Parameter groups for the optimiser: the image backbone learns at its own rate."""
         cameras = self.model.observation_encoder.cameras
         backbone = [] if cameras is None else list(cameras.backbone.parameters())
@@ -170,9 +171,8 @@ class ActChunkedPolicy(PreTrainedPolicy):
 
     def _get_default_peft_targets(self) -> dict[str, Any]:
         """Adapt all attention projections and feed-forward layers of the encoder and decoder."""
-        layers = "q_proj|k_proj|v_proj|out_proj|expand|contract"
         return {
-            "target_modules": rf"model\.(encoder|decoder)\..*\.({layers})",
+            "target_modules": r"model\.(encoder|decoder)\..*\.([qkv]_proj|out_proj|expand|contract)",
             "modules_to_save": ["head"],
         }
 
@@ -193,7 +193,6 @@ def build_network(config: ActChunkedConfig, backbone_weights: str | None) -> Act
     return ActNetwork(
         observation_encoder=_observation_encoder(config, backbone_weights),
         style_encoder=_style_encoder(config, spec) if config.use_vae else None,
-        latent_dim=config.latent_dim,
         encoder=Encoder(spec, config.n_encoder_layers),
         decoder=Decoder(spec, config.n_decoder_layers, n_queries),
         head=RegressionHead(config.dim_model, action_dim, config.actions_per_query),

@@ -1,0 +1,9 @@
+"""Checks every shape annotation of the tensor code while the tests run."""
+
+from jaxtyping import install_import_hook
+
+# Before anything imports them: annotations become checks only in modules that are imported afterwards.
+install_import_hook(
+    [f"lerobot_act_chunking.{package}" for package in ("nn", "heads", "execution", "data")],
+    "beartype.beartype",
+)
