@@ -3,7 +3,7 @@
 import shlex
 from typing import Any, Protocol
 
-from lerobot_act_chunking.hub.install import LOCAL_HUB
+from lerobot_act_chunking.hub.routing import LOCAL_HUB
 
 
 class ChunkSettings(Protocol):

@@ -6,12 +6,9 @@ from pathlib import Path
 
 from lerobot_act_chunking.hub import files
 from lerobot_act_chunking.hub.names import is_commit
-from lerobot_act_chunking.hub.publishing import delete_ref
+from lerobot_act_chunking.hub.publishing import ABANDONED, delete_ref, sweep
 from lerobot_act_chunking.hub.refusal import RefusedError
 from lerobot_act_chunking.hub.repository import MAIN, Repository
-
-IN_FLIGHT = 3600.0
-"""How long a blob that no revision shows stays after it was announced, for the push that needs it [s]."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +90,7 @@ def _drop(repository: Repository, commit_ids: list[str]) -> Freed:
         if not _in_flight(path, dropped_at.get(path.name, 0.0))
     ]
     size = sum(path.lstat().st_size for path in freed)
+    sweep(repository)
     for path in freed:
         files.remove(path)
     return Freed(len(commit_ids), len(freed), size)
@@ -106,4 +104,4 @@ def _described_at(repository: Repository, commit_id: str) -> float:
 def _in_flight(blob: Path, dropped_at: float) -> bool:
     """Whether a push announced the blob not long ago, after the newest dropped revision that showed it."""
     announced = blob.lstat().st_mtime
-    return announced > dropped_at and time.time() - announced < IN_FLIGHT
+    return announced > dropped_at and time.time() - announced < ABANDONED

@@ -7,14 +7,18 @@ import os
 import shutil
 import uuid
 from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 from lerobot_act_chunking.hub.refusal import RefusedError
 
 CHUNK = 1 << 20
-"""How much of a file is in memory at a time [bytes]."""
+"""How much of a file is read at a time [bytes]."""
+BATCH = 1 << 20
+"""How much of an incoming body is handed to the hashing thread at a time [bytes]."""
 
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
 _NO_FOLDER_SYNC = (errno.EINVAL, errno.EACCES, errno.ENOTSUP, errno.EBADF)
@@ -44,24 +48,47 @@ def scratch_path(folder: Path) -> Iterator[Path]:
 def received(chunks: Iterable[bytes], folder: Path) -> Iterator[Received]:
     """Stream ``chunks`` into a scratch file of ``folder``, hashing on the way, and force it to disk.
 
-    Never holds more than one chunk. The file disappears at the end unless it was published (moved away).
+    Holds at most two batches in memory. The file disappears at the end unless it was published (moved away).
     """
     with scratch_path(folder) as path:
-        digest, size = hashlib.sha256(), 0
         # Plain open, not tempfile: its 0600 would ignore the umask that a shared folder relies on.
-        with path.open("xb", buffering=CHUNK) as file:
-            for chunk in chunks:
-                digest.update(chunk)
+        with path.open("xb") as file:
+            digest, size = _write_and_hash(chunks, file)
+            file.flush()
+            os.fsync(file.fileno())
+        yield Received(path, digest, size)
+
+
+def _write_and_hash(chunks: Iterable[bytes], file: BinaryIO) -> tuple[str, int]:
+    """Write everything; return its SHA-256 [hex] and size [bytes]. Hashing runs beside the writing."""
+    digest, size = hashlib.sha256(), 0
+    with ThreadPoolExecutor(1) as hasher:
+        hashed = hasher.submit(_update, digest, [])
+        for batch in _batches(chunks):
+            hashed.result()  # the hash may be one batch behind, not more
+            hashed = hasher.submit(_update, digest, batch)
+            for chunk in batch:
                 file.write(chunk)
                 size += len(chunk)
-            force_to_disk(file.fileno(), file.flush)
-        yield Received(path, digest.hexdigest(), size)
+        hashed.result()
+    return digest.hexdigest(), size
 
 
-def force_to_disk(descriptor: int, flush=lambda: None) -> None:
-    """Flush Python's buffer, then the kernel's."""
-    flush()
-    os.fsync(descriptor)
+def _update(digest: "hashlib._Hash", batch: list[bytes]) -> None:
+    for chunk in batch:
+        digest.update(chunk)
+
+
+def _batches(chunks: Iterable[bytes]) -> Iterator[list[bytes]]:
+    batch, size = [], 0
+    for chunk in chunks:
+        batch.append(chunk)
+        size += len(chunk)
+        if size >= BATCH:
+            yield batch
+            batch, size = [], 0
+    if batch:
+        yield batch
 
 
 def sync_folder(folder: Path) -> None:
@@ -101,13 +128,14 @@ def place(source: Path, target: Path, link: str) -> None:
         return
     with source.open("rb") as reader, target.open("xb") as writer:
         shutil.copyfileobj(reader, writer, CHUNK)
-        force_to_disk(writer.fileno(), writer.flush)
+        writer.flush()
+        os.fsync(writer.fileno())
 
 
 @contextmanager
 def _unless_disk_full() -> Iterator[None]:
-    # A file system without links answers EPERM, ENOTSUP, EINVAL, ... depending on its kind; a full one must not
-    # look like one of those.
+    # A file system without links answers EPERM, ENOTSUP, EINVAL, ... depending on its kind; a full one must
+    # not look like one of those.
     try:
         yield
     except OSError as error:

@@ -9,9 +9,9 @@ from huggingface_hub.utils import build_hf_headers, hf_raise_for_status
 
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.hub import files
-from lerobot_act_chunking.hub.install import LOCAL_HUB, configured_hub
 from lerobot_act_chunking.hub.names import RepoName
 from lerobot_act_chunking.hub.refusal import RefusedError
+from lerobot_act_chunking.hub.routing import LOCAL_HUB, configured_hub
 from lerobot_act_chunking.hub.storage import LocalHub
 
 TIMEOUT = 10.0

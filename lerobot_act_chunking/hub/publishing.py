@@ -17,8 +17,8 @@ from lerobot_act_chunking.hub.names import checked_path, checked_ref, is_sha256
 from lerobot_act_chunking.hub.refusal import RefusedError, conflict, entry_not_found, revision_not_found
 from lerobot_act_chunking.hub.repository import MAIN, Repository
 
-ABANDONED = 24 * 3600.0
-"""Age after which a half-received body belongs to a push that died [s]."""
+ABANDONED = 3600.0
+"""Age after which what a push left behind belongs to a push that died [s]."""
 
 Operation = Callable[[dict[str, Entry]], None]
 """One step of a commit: changes the path → entry table in place."""
@@ -26,7 +26,7 @@ Operation = Callable[[dict[str, Entry]], None]
 
 @dataclass(frozen=True)
 class Change:
-    """What a push asks for: a message, operations in order, and the revision it expects to build on, if any."""
+    """What a push asks for: a message, operations in order, the revision it expects to build on, if any."""
 
     title: str
     description: str
@@ -117,7 +117,7 @@ def publish_revision(repository: Repository, branch: str, change: Change) -> str
     commit = Commit.now(title=change.title, description=change.description, parent=parent, files=table)
     _write_snapshot(repository, commit, parent)
     _point(repository, branch, commit.commit_id)
-    _sweep(repository.incoming)
+    sweep(repository)
     return commit.commit_id
 
 
@@ -214,9 +214,9 @@ def _place_file(repository: Repository, target: Path, entry: Entry, previous: Pa
     files.place(blob, target, "../" * depth + f"blobs/{entry.digest}")
 
 
-def _sweep(incoming: Path) -> None:
+def sweep(repository: Repository) -> None:
     """Remove what killed pushes left half received."""
-    for path in incoming.iterdir():
+    for path in leftovers(repository):
         with contextlib.suppress(OSError):  # somebody else's, or gone already
             if time.time() - path.stat().st_mtime > ABANDONED:
                 files.remove(path)

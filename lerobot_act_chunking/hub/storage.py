@@ -8,10 +8,10 @@
                           .hub/commits/<commit>.json what the revision contains and where it came from
                           .hub/tags/<tag>            marks a ref as a tag
                           .hub/incoming/             bodies being received, snapshots being built
-    DIR/.locks/lerobot-hub/                          a lock per repository; repositories half created or deleted
+    DIR/.locks/lerobot-hub/                          a lock per repository; half-created repositories
 
-An unmodified huggingface_hub reads the first three with ``HF_HUB_CACHE=DIR HF_HUB_OFFLINE=1`` and does not look
-at the rest (``.locks`` is the one folder beside repositories that its scanner skips).
+An unmodified huggingface_hub reads the first three with ``HF_HUB_CACHE=DIR HF_HUB_OFFLINE=1`` and ignores the
+rest (``.locks`` is the one folder beside repositories that its scanner skips).
 """
 
 import os

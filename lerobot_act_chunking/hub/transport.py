@@ -42,14 +42,14 @@ REPOSITORY_ROUTES: dict[tuple[str, str], Handler] = {
     ("PUT", "lfs"): writing.lfs_upload,
 }
 READS = {("POST", "paths-info")} | {route for route in REPOSITORY_ROUTES if route[0] in ("GET", "HEAD")}
+_LFS_BATCH = ["info", "lfs", "objects", "batch"]
 ACTIONS = {action for _, action in REPOSITORY_ROUTES}
 
 
 class LocalHubTransport(httpx.BaseTransport):
     """Answers every request to the Hub from ``hub``; other hosts are reached through ``outside``.
 
-    With ``fall_through``, reading a repository that the folder does not hold also goes ``outside``. Writing never
-    does.
+    With ``fall_through``, reads of repositories that the folder lacks also go ``outside``; writes never do.
     """
 
     def __init__(
@@ -130,22 +130,24 @@ def _repository_call(segments: list[str]) -> tuple[str, RepoName, list[str]] | N
 
 
 def _split(kind: str, segments: list[str]) -> tuple[str, RepoName, list[str]] | None:
-    segments = _without_git_suffix(segments)
+    length = _name_length(segments)
+    if length is None:
+        return None
+    repo_id, after = "/".join(segments[:length]), segments[length:]
+    if repo_id.endswith(".git"):
+        repo_id, after = repo_id.removesuffix(".git"), ["lfs-batch"] if after == _LFS_BATCH else after
+    return after[0] if after else "", RepoName.checked(kind, repo_id), after[1:]
+
+
+def _name_length(segments: list[str]) -> int | None:
+    """How many leading elements are the repository's id: those before ``.git``, or before a known action."""
+    for length in (1, 2):
+        if len(segments) >= length and segments[length - 1].endswith(".git"):
+            return length
     for length in (2, 1):  # "org/name" first: an owner may be called "tree"
-        if len(segments) == length or (len(segments) > length and segments[length] in ACTIONS - {""}):
-            action = segments[length] if len(segments) > length else ""
-            return action, RepoName.checked(kind, "/".join(segments[:length])), segments[length + 1 :]
+        if len(segments) == length or (len(segments) > length and segments[length] in ACTIONS):
+            return length
     return None
-
-
-def _without_git_suffix(segments: list[str]) -> list[str]:
-    """``[org, name.git, info, lfs, objects, batch]`` → ``[org, name, lfs-batch]``; our uploads likewise."""
-    for index, part in enumerate(segments[:2]):
-        if part.endswith(".git"):
-            tail = segments[index + 1 :]
-            tail = ["lfs-batch"] if tail == ["info", "lfs", "objects", "batch"] else tail
-            return [*segments[:index], part.removesuffix(".git"), *tail]
-    return segments
 
 
 def _whoami(call: Call) -> httpx.Response:
@@ -183,7 +185,7 @@ def _unsupported(request: httpx.Request) -> RefusedError:
 def _disk_refusal(error: OSError, hub: LocalHub) -> RefusedError:
     if error.errno in files.DISK_FULL:
         return RefusedError(
-            f"no space left for the local hub {hub.root}; nothing was published, earlier revisions are untouched. "
+            f"no space left for the local hub {hub.root}; nothing was published, earlier revisions are safe. "
             "Free some space (act-chunking hub delete) and push again",
             507,
         )
