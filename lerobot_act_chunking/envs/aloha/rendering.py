@@ -6,6 +6,7 @@ import atexit
 import os
 import sys
 import weakref
+from importlib import import_module
 from typing import Any
 
 import mujoco
@@ -82,10 +83,9 @@ def _open_context(model: Any) -> tuple[Any, Any]:
 def _platform() -> Any:
     """MuJoCo's class of OpenGL contexts: what ``MUJOCO_GL`` asks for, EGL on Linux without a display."""
     headless = sys.platform == "linux" and not os.environ.get("DISPLAY")
-    if headless and not os.environ.get("MUJOCO_GL"):
-        from mujoco.egl import GLContext  # imports libEGL, so only now
-
-        return GLContext
+    choice = os.environ.get("MUJOCO_GL", "").strip().lower() or ("egl" if headless else "")
+    if choice in ("egl", "osmesa"):
+        return import_module(f"mujoco.{choice}").GLContext  # loads the OpenGL library, so only now
     return mujoco.GLContext
 
 

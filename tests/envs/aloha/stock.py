@@ -2,6 +2,8 @@
 
 import os
 import warnings
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 
 import numpy as np
 
@@ -13,16 +15,37 @@ with warnings.catch_warnings():
 
 
 def make_stock(task: str) -> AlohaEnv:
-    """gym-aloha's environment with blank images; ``stock_image`` still draws."""
+    """gym-aloha's environment with blank images."""
     env = AlohaEnv(task, obs_type="pixels_agent_pos")
     env._env.physics.render = lambda **_: np.zeros(1, np.uint8)
     return env
 
 
-def stock_image(env: AlohaEnv, camera: str) -> np.ndarray:
-    """What gym-aloha observes through ``camera`` at 480 x 640."""
-    physics = env._env.physics
-    return type(physics).render(physics, height=480, width=640, camera_id=camera)
+def stock_images(task: str, seed: int, actions: np.ndarray) -> dict[str, np.ndarray]:
+    """What gym-aloha observes at the start of an episode and after its actions, (2, 480, 640, 3) per camera.
+
+    Drawn in a process of its own: dm_control takes its OpenGL context to be current for ever, so beside
+    another renderer it would draw, unnoticed, into that one's framebuffer.
+    """
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as process:
+        return process.submit(_draw, task, seed, actions).result()
+
+
+def _draw(task: str, seed: int, actions: np.ndarray) -> dict[str, np.ndarray]:
+    env = AlohaEnv(task, obs_type="pixels_agent_pos")
+    draw = env._env.physics.render
+    env._env.physics.render = lambda **_: np.zeros(1, np.uint8)
+    cameras = ("top", "angle", "front_close")
+
+    def look() -> list[np.ndarray]:
+        return [draw(height=480, width=640, camera_id=camera) for camera in cameras]
+
+    env.reset(seed=seed)
+    frames = [look()]
+    for action in actions:
+        env.step(action)
+    frames.append(look())
+    return dict(zip(cameras, np.swapaxes(frames, 0, 1), strict=True))
 
 
 def smooth_actions(start: np.ndarray, steps: int, rng: np.random.Generator) -> np.ndarray:
