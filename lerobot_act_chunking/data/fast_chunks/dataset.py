@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Sequence
-from typing import Any, cast
+from typing import Any, SupportsIndex, cast
 
 import numpy as np
 from jaxtyping import Int64
@@ -42,11 +42,11 @@ class FastChunkDataset(LeRobotDataset):
                 logger.warning("fast chunks are off for %s: LeRobot has another %r", self.repo_id, key)
         return self._chunks if self._agrees else None
 
-    def __getitem__(self, idx: int | slice) -> Item | list[Item]:
+    def __getitem__(self, idx: SupportsIndex | slice) -> Item | list[Item]:
         """One frame, or the frames of a slice, as in ``LeRobotDataset``."""
         return super().__getitem__(idx) if isinstance(idx, slice) else self.__getitems__([idx])[0]
 
-    def __getitems__(self, indices: Sequence[int]) -> list[Item]:
+    def __getitems__(self, indices: Sequence[SupportsIndex]) -> list[Item]:
         """The items of a whole batch, gathered at once: ``torch.utils.data.DataLoader`` asks for these."""
         chunks = self.chunks
         rows = None if chunks is None else _rows(indices, len(chunks))
@@ -59,7 +59,7 @@ class FastChunkDataset(LeRobotDataset):
         return {**self.__dict__, "_chunks": None}
 
 
-def _rows(indices: Sequence[int], count: int) -> Int64[np.ndarray, " B"] | None:
+def _rows(indices: Sequence[SupportsIndex], count: int) -> Int64[np.ndarray, " B"] | None:
     """Rows of the table, negative ones counted from its end; None for anything but indices within it."""
     rows = np.asarray(indices)
     if rows.ndim != 1 or rows.dtype != np.int64 or rows.min() < -count or rows.max() >= count:

@@ -1,0 +1,135 @@
+import shutil
+
+import httpx
+import huggingface_hub.constants
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from lerobot.configs.default import DatasetConfig
+from lerobot.configs.train import TrainPipelineConfig
+from lerobot.datasets import dataset_metadata, factory
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from lerobot.policies.act.configuration_act import ACTConfig
+from lerobot_sets import REPO_ID
+
+from lerobot_act_chunking.data.fast_chunks.checks import with_checks
+from lerobot_act_chunking.data.fast_chunks.dataset import FastChunkDataset
+from lerobot_act_chunking.errors import DatasetError
+
+
+@pytest.fixture(autouse=True)
+def offline(monkeypatch):
+    monkeypatch.setattr(huggingface_hub.constants, "HF_HUB_OFFLINE", True)
+    monkeypatch.setattr(factory, "LeRobotDataset", FastChunkDataset)
+
+
+def config(root, **dataset) -> TrainPipelineConfig:
+    source = DatasetConfig(REPO_ID, root=root and str(root), video_backend="pyav", **dataset)
+    return TrainPipelineConfig(source, policy=ACTConfig(chunk_size=3, n_action_steps=3, device="cpu"))
+
+
+def make(root, **dataset) -> LeRobotDataset:
+    return with_checks(factory.make_dataset)(config(root, **dataset))
+
+
+@pytest.fixture
+def damage(states, tmp_path):
+    """A copy of the state dataset with values of a column replaced: {(row, component): value}."""
+
+    def damaged(key: str, values: dict) -> str:
+        root = shutil.copytree(states, tmp_path / "damaged")
+        (path,) = (root / "data").rglob("*.parquet")
+        table = pq.read_table(path)
+        column = np.array(table[key].to_pylist(), np.float32)
+        for place, value in values.items():
+            column[place] = value
+        place = table.column_names.index(key)
+        new = pa.array(column.tolist(), table.schema.field(key).type)
+        pq.write_table(table.set_column(place, key, new).replace_schema_metadata(None), path)
+        return root
+
+    return damaged
+
+
+def test_a_sound_dataset_passes(states):
+    assert len(make(states)) == 17
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_values_that_are_not_finite_are_named(damage, value):
+    # Episodes have 5, 2, 7 and 3 frames: row 8 is frame 1 of episode 2.
+    root = damage("action", {(8, 2): value, (8, 3): value, (15, 0): value})
+    with pytest.raises(DatasetError) as error:
+        make(root)
+    assert str(error.value) == (
+        f"dataset {REPO_ID!r} holds values that are not finite: "
+        "action in 2 frames, first in episode 2, frame 1. "
+        "Leave those episodes out (--dataset.episodes) or record them again"
+    )
+
+
+def test_without_the_damaged_episode_training_may_go_on(damage):
+    root = damage("observation.state", {(8, 0): np.nan})
+    assert len(make(root, episodes=[0, 1, 3])) == 10
+    with pytest.raises(DatasetError, match=r"observation\.state in 1 frames, first in episode 2, frame 1\."):
+        make(root, episodes=[1, 2])
+
+
+def test_a_column_that_no_policy_learns_from_may_hold_anything(damage):
+    assert len(make(damage("next.reward", {8: np.nan}))) == 17
+
+
+def test_a_damaged_dataset_can_still_be_opened_and_mended(damage):
+    root = damage("action", {(8, 2): np.nan})
+    assert FastChunkDataset(REPO_ID, root, video_backend="pyav")[8]["action"].isnan().any()
+
+
+def test_a_root_that_does_not_exist(tmp_path):
+    root = tmp_path / "nowhere"
+    with pytest.raises(DatasetError) as error:
+        make(root)
+    message = str(error.value)
+    assert message.startswith(
+        f"{root} does not exist, and {REPO_ID!r} could not be fetched from the Hugging Face"
+    )
+    assert message.endswith(f"act-chunking record --task transfer_cube --repo-id {REPO_ID} --root {root}")
+    assert "\n" not in message
+
+
+def test_a_root_that_holds_something_else(tmp_path):
+    (tmp_path / "holiday.txt").touch()
+    with pytest.raises(DatasetError, match=r"holds no LeRobot dataset \(no meta/info\.json\)"):
+        make(tmp_path)
+
+
+def test_a_dataset_without_its_data(states, tmp_path):
+    root = shutil.copytree(states, tmp_path / "set")
+    shutil.rmtree(root / "data")
+    with pytest.raises(DatasetError, match="holds an incomplete LeRobot dataset"):
+        make(root)
+
+
+def test_no_root_means_lerobots_home(monkeypatch, tmp_path):
+    for module in ("lerobot_act_chunking.data.fast_chunks.checks", dataset_metadata.__name__):
+        monkeypatch.setattr(f"{module}.HF_LEROBOT_HOME", tmp_path)
+    with pytest.raises(DatasetError) as error:
+        make(None)
+    assert str(error.value).startswith(f"{tmp_path / REPO_ID} does not exist")
+
+
+def test_an_unreachable_hub_is_said_in_the_same_words(monkeypatch, tmp_path):
+    def unreachable(*_args, **_options):
+        raise httpx.ConnectError("no route to host")
+
+    monkeypatch.setattr(dataset_metadata, "get_safe_version", unreachable)
+    with pytest.raises(DatasetError, match=r"does not exist, and .* hub \(no route to host\)\. Record one"):
+        make(tmp_path / "nowhere")
+
+
+def test_other_errors_keep_their_name():
+    def broken(_cfg):
+        raise PermissionError("no")
+
+    with pytest.raises(PermissionError):
+        with_checks(broken)(config(None))
