@@ -4,8 +4,8 @@ LeRobot imports the installed module ``lerobot_policy_act_chunking`` (a copy of 
 this one. Only configurations are imported here; LeRobot finds policies and processors by module name.
 """
 
-from lerobot_act_chunking.envs import configuration_envs as _environments
-from lerobot_act_chunking.policies.act_chunked import configuration_act_chunked as _act_chunked
+import lerobot_act_chunking.envs.configuration_envs
+import lerobot_act_chunking.policies.act_chunked.configuration_act_chunked  # noqa: F401
+from lerobot_act_chunking.data import fast_chunks
 
-__all__: list[str] = []
-_ = (_environments, _act_chunked)
+fast_chunks.install()

@@ -15,7 +15,7 @@ from lerobot_act_chunking.errors import ActChunkingError
 
 app = typer.Typer(
     name="act-chunking",
-    help="Action-chunking policies for LeRobot: demonstrations, training, evaluation, and what the robot will do.",
+    help="Action-chunking policies for LeRobot: demonstrations, training, evaluation, motion.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -30,7 +30,7 @@ def main(argv: list[str] | None = None) -> int:
     """Run the command line; returns the exit status (0 done, 1 refused, 2 usage, 130 stopped by Ctrl-C)."""
     console = Console(stderr=True)
     try:
-        status = app(args=argv, standalone_mode=False)
+        status = app(args=argv, prog_name="act-chunking", standalone_mode=False)
     except ActChunkingError as error:
         console.print(f"[red]error:[/] {error}", highlight=False, soft_wrap=True)
         return 1

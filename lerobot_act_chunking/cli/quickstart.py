@@ -1,7 +1,7 @@
 """``act-chunking quickstart``: the whole story with the real commands, each printed so that it can be copied.
 
-Every stage leaves a result on disk and is skipped when that result is there, so the story can be stopped at any
-moment and run again.
+Every stage leaves a result on disk and is skipped when that result is there, so the story can be stopped at
+any moment and run again.
 """
 
 import os
@@ -23,22 +23,24 @@ from lerobot_act_chunking.errors import ActChunkingError, unknown_choice
 
 TASKS = ("transfer_cube", "insertion")
 
-# The recipe of configs/quickstart.yaml (a test holds the two together); chosen with benchmarks/quickstart.py.
+# The recipe of configs/quickstart.yaml (a test holds the two together); measured in the README.
 POLICY = {
     "type": "act_chunked",
     "device": "cpu",
     "push_to_hub": "false",
     "chunk_size": "100",
     "n_action_steps": "50",
+    "actions_per_query": "5",
     "dim_model": "128",
     "n_heads": "4",
-    "dim_feedforward": "512",
     "n_encoder_layers": "2",
+    "dropout": "0",
     "optimizer_lr": "1e-3",
+    "lr_warmup_steps": "200",
 }
 
 
-class StageFailed(ActChunkingError):
+class StageFailedError(ActChunkingError):
     """A command of the story ended with an error."""
 
 
@@ -49,7 +51,7 @@ class Story:
     folder: Path
     task: str = "transfer_cube"
     episodes: int = 50
-    steps: int = 10_000
+    steps: int = 5000
     eval_episodes: int = 200
     seed: int = 0
 
@@ -90,8 +92,24 @@ class Story:
     def record_command(self) -> list[str]:
         """Scripted demonstrations into a LeRobotDataset."""
         return [
-            *("act-chunking", "record", "--task", self.task, "--episodes", str(self.episodes), "--obs", "state"),
-            *("--repo-id", self.repo_id, "--root", str(self.dataset), "--workers", str(min(2, os.cpu_count() or 1))),
+            *(
+                "act-chunking",
+                "record",
+                "--task",
+                self.task,
+                "--episodes",
+                str(self.episodes),
+                "--obs",
+                "state",
+            ),
+            *(
+                "--repo-id",
+                self.repo_id,
+                "--root",
+                str(self.dataset),
+                "--workers",
+                str(min(2, os.cpu_count() or 1)),
+            ),
         ]
 
     def train_command(self) -> list[str]:
@@ -139,7 +157,9 @@ class Story:
 
     def trained(self) -> bool:
         """Whether the checkpoint of the last step exists."""
-        return (self.train / "checkpoints" / f"{self.steps:06d}" / "pretrained_model" / "config.json").exists()
+        return (
+            self.train / "checkpoints" / f"{self.steps:06d}" / "pretrained_model" / "config.json"
+        ).exists()
 
     def evaluated(self) -> bool:
         """Whether lerobot-eval finished."""
@@ -176,7 +196,7 @@ def quickstart_command(
         if done():
             console.print("already done")
         else:
-            _clear_unusable(story)
+            clear_unusable(story)
             run(command(), console)
     _conclude(story, console, time.monotonic() - started)
 
@@ -185,16 +205,18 @@ def run(command: list[str], console: Console) -> None:
     """Print a command for copying, then run it with the scripts of this very environment.
 
     Raises:
-        StageFailed: it ended with an error; its own output says which.
+        StageFailedError: it ended with an error; its own output says which.
         KeyboardInterrupt: the user stopped it.
     """
     console.print(f"$ {shlex.join(command)}", highlight=False, soft_wrap=True, style="bold")
     script = shutil.which(command[0], path=str(Path(sys.executable).parent)) or command[0]
-    status = subprocess.run([script, *command[1:]], env=_quiet_environment(), check=False).returncode
+    status = subprocess.run(  # noqa: S603  (our own commands)
+        [script, *command[1:]], env=_quiet_environment(), check=False
+    ).returncode
     if status in (130, -2):
         raise KeyboardInterrupt
     if status != 0:
-        raise StageFailed(f"{command[0]} ended with status {status}; its output above says why")
+        raise StageFailedError(f"{command[0]} ended with status {status}; its output above says why")
 
 
 def _quiet_environment() -> dict[str, str]:
@@ -202,8 +224,8 @@ def _quiet_environment() -> dict[str, str]:
     return {"HF_HUB_OFFLINE": "1", "HF_DATASETS_DISABLE_PROGRESS_BARS": "1", **os.environ}
 
 
-def _clear_unusable(story: Story) -> None:
-    """Remove what an interrupted stage left and its command would refuse: a training folder without a checkpoint."""
+def clear_unusable(story: Story) -> None:
+    """Remove a training folder without a checkpoint: nothing to go on from, and lerobot-train would refuse it."""
     if story.train.exists() and not story.policy.exists():
         shutil.rmtree(story.train)
 
@@ -214,6 +236,10 @@ def _conclude(story: Story, console: Console, seconds: float) -> None:
     console.print(Rule("result"))
     console.print(f"success: {read_success_rate(story.evaluation / 'eval_info.json')}")
     videos = sorted(story.evaluation.rglob("*.mp4"))
-    for label, path in [("policy", story.policy), ("picture", story.picture), *(("video", v) for v in videos[:1])]:
+    for label, path in [
+        ("policy", story.policy),
+        ("picture", story.picture),
+        *(("video", v) for v in videos[:1]),
+    ]:
         console.print(f"{label}: {path}", soft_wrap=True)
     console.print(f"time: {seconds / 60:.1f} minutes")

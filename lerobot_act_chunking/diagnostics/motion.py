@@ -40,13 +40,13 @@ def record_motion(policy_path: str, *, task: str, seed: int, success: str = "tou
     """Run one episode of a checkpoint in ``aloha_sim``, through the same processors as ``lerobot-eval``.
 
     Args:
-        policy_path: checkpoint folder (or repo id) of any LeRobot policy trained on ``aloha_sim`` observations.
+        policy_path: checkpoint folder or repo id of any LeRobot policy trained on ``aloha_sim``.
         task: ``transfer_cube`` or ``insertion``.
         seed: seed of the episode's object pose.
         success: the rule that ends the episode, ``touch`` or ``hold``.
 
     Raises:
-        ConfigurationError: the checkpoint does not exist or asks for observations the environment does not have.
+        ConfigurationError: no such checkpoint, or it asks for observations the environment does not have.
     """
     import torch
     from lerobot.envs.factory import make_env
@@ -97,7 +97,7 @@ def joint_names() -> Sequence[str]:
 
 
 def load_checkpoint(policy_path: str) -> tuple[Any, Any, Any]:
-    """Policy in evaluation mode, pre-processor and post-processor of a checkpoint, on the CPU or its own device.
+    """Policy in evaluation mode, pre-processor and post-processor of a checkpoint, on its own device.
 
     Raises:
         ConfigurationError: the folder does not exist or holds no ``config.json``.

@@ -53,7 +53,9 @@ def read_success_rate(eval_info: Path) -> SuccessRate:
         tasks = json.loads(eval_info.read_text())["per_task"]
         successes = [bool(success) for task in tasks for success in task["metrics"]["successes"]]
     except FileNotFoundError:
-        raise DatasetError(f"no evaluation at {eval_info}; run lerobot-eval with this output folder first") from None
+        raise DatasetError(
+            f"no evaluation at {eval_info}; run lerobot-eval with this output folder first"
+        ) from None
     except (json.JSONDecodeError, KeyError, TypeError) as error:
         raise DatasetError(f"{eval_info} is not an eval_info.json of lerobot-eval: {error!r}") from error
     return SuccessRate(sum(successes), len(successes))

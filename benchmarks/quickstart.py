@@ -1,0 +1,152 @@
+"""The README's results table: the quickstart for several training seeds, and LeRobot's `act` for as long.
+
+    python benchmarks/quickstart.py --seeds 0 1 2 --baseline --out benchmarks/results/quickstart.json
+
+Each seed runs the very commands of `act-chunking quickstart` on one shared recording. The baseline is LeRobot's
+own `act`, of the same size and learning rate, through the same lerobot-train with LeRobot's own reader
+(ACT_CHUNKING_FAST_CHUNKS=0), stopped after as long as the slowest seed took; its newest checkpoint is evaluated.
+"""
+
+import argparse
+import json
+import os
+import platform
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from lerobot_act_chunking.cli.quickstart import Story, run
+from lerobot_act_chunking.diagnostics.success import read_success_rate
+
+BASELINE_POLICY = {
+    "type": "act",
+    "device": "cpu",
+    "push_to_hub": "false",
+    "chunk_size": "100",
+    "n_action_steps": "50",
+    "dim_model": "128",
+    "n_heads": "4",
+    "dim_feedforward": "512",
+    "n_encoder_layers": "2",
+    "use_vae": "false",
+    "dropout": "0",
+    "optimizer_lr": "1e-3",
+}
+
+
+@dataclass
+class Row:
+    """One line of the table."""
+
+    policy: str
+    task: str
+    seed: int
+    steps: int
+    train_minutes: float
+    successes: int
+    episodes: int
+    interval: tuple[float, float]
+
+
+def timed(command: list[str], console: Console) -> float:
+    started = time.monotonic()
+    run(command, console)
+    return (time.monotonic() - started) / 60
+
+
+def evaluate(story: Story, policy: str, steps: int, minutes: float, console: Console) -> Row:
+    if not story.evaluated():
+        run(story.eval_command(), console)
+    rate = read_success_rate(story.evaluation / "eval_info.json")
+    return Row(policy, story.task, story.seed, steps, minutes, rate.successes, rate.episodes, rate.interval)
+
+
+def train_ours(story: Story, console: Console) -> Row:
+    minutes = timed(story.train_command(), console)
+    return evaluate(story, "act_chunked", story.steps, minutes, console)
+
+
+def train_baseline(story: Story, minutes: float, console: Console) -> Row:
+    command = [
+        str(Path(sys.executable).parent / "lerobot-train"),
+        *(f"--policy.{name}={value}" for name, value in BASELINE_POLICY.items()),
+        *(
+            f"--dataset.repo_id={story.repo_id}",
+            f"--dataset.root={story.dataset}",
+            f"--output_dir={story.train}",
+        ),
+        *(f"--seed={story.seed}", "--steps=100000", "--save_freq=50", "--log_freq=50", "--batch_size=64"),
+        *("--num_workers=0", "--env_eval_freq=0"),
+    ]
+    process = subprocess.Popen(command, env={**os.environ, "ACT_CHUNKING_FAST_CHUNKS": "0"})
+    try:
+        process.wait(timeout=60 * minutes)
+    except subprocess.TimeoutExpired:
+        process.send_signal(signal.SIGINT)
+        process.wait()
+    steps = int((story.train / "checkpoints" / "last").resolve().name)
+    return evaluate(story, "LeRobot act", steps, minutes, console)
+
+
+def show(rows: list[Row], console: Console) -> None:
+    table = Table("policy", "task", "seed", "steps", "minutes", "success", "95 % Wilson")
+    for row in rows:
+        low, high = row.interval
+        rate = f"{100 * row.successes / row.episodes:.1f} % ({row.successes}/{row.episodes})"
+        table.add_row(
+            *(row.policy, row.task, str(row.seed), str(row.steps), f"{row.train_minutes:.1f}", rate),
+            f"{100 * low:.1f}-{100 * high:.1f} %",
+        )
+    console.print(table)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--task", default="transfer_cube")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
+    parser.add_argument("--steps", type=int, default=Story.steps)
+    parser.add_argument("--baseline", action="store_true", help="train LeRobot's act for as long, too")
+    parser.add_argument("--folder", type=Path, default=Path("outputs/benchmarks/quickstart"))
+    parser.add_argument("--out", type=Path, default=Path("benchmarks/results/quickstart.json"))
+    args = parser.parse_args()
+    console = Console()
+
+    recording = Story(args.folder / args.task, args.task)
+    if not recording.recorded():
+        run(recording.record_command(), console)
+    rows = []
+    for seed in args.seeds:
+        story = SharedDataset(
+            args.folder / args.task / f"seed_{seed}", args.task, steps=args.steps, seed=seed
+        )
+        rows.append(train_ours(story, console))
+        show(rows, console)
+    if args.baseline:
+        story = SharedDataset(args.folder / args.task / "lerobot_act", args.task, seed=args.seeds[0])
+        rows.append(train_baseline(story, max(row.train_minutes for row in rows), console))
+        show(rows, console)
+    machine = {"cpu_count": os.cpu_count(), "processor": platform.processor() or platform.machine()}
+    args.out.parent.mkdir(parents=True, exist_ok=True)
+    args.out.write_text(
+        json.dumps({"machine": machine, "rows": [asdict(row) for row in rows]}, indent=2) + "\n"
+    )
+
+
+class SharedDataset(Story):
+    """A story in a folder beside the others, on the recording they share."""
+
+    @property
+    def dataset(self) -> Path:
+        return self.folder.parent / "dataset"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,103 @@
+import json
+from pathlib import Path
+
+import draccus
+import pytest
+import yaml
+from lerobot.configs.train import TrainPipelineConfig
+
+import lerobot_act_chunking.plugin  # noqa: F401
+from lerobot_act_chunking.cli import main as cli
+from lerobot_act_chunking.cli import quickstart
+from lerobot_act_chunking.cli.quickstart import Story
+
+CONFIG = Path(__file__).parents[2] / "configs" / "quickstart.yaml"
+
+
+def parse_train(command: list[str]) -> dict:
+    assert command[0] == "lerobot-train"
+    return draccus.encode(draccus.parse(TrainPipelineConfig, args=command[1:]))
+
+
+def test_the_printed_training_command_is_the_committed_config():
+    command = Story(Path("outputs/quickstart")).train_command()
+    from_yaml = draccus.encode(draccus.decode(TrainPipelineConfig, yaml.safe_load(CONFIG.read_text())))
+    assert parse_train(command) == from_yaml
+
+
+def test_stages_run_in_order_and_finished_ones_are_skipped(tmp_path, monkeypatch, capsys):
+    ran = []
+
+    def fake_run(command, console):
+        ran.append(command[:2])
+        story = Story(tmp_path, steps=3)
+        name = " ".join(command[:2])
+        if name == "act-chunking record":
+            touch(story.dataset / "meta" / "info.json")
+        elif command[0] == "lerobot-train":
+            touch(story.train / "checkpoints" / "000003" / "pretrained_model" / "config.json")
+        elif command[0] == "lerobot-eval":
+            successes = {"per_task": [{"metrics": {"successes": [True, True, False, True]}}]}
+            touch(story.evaluation / "eval_info.json", json.dumps(successes))
+        else:
+            touch(story.picture)
+
+    monkeypatch.setattr(quickstart, "run", fake_run)
+    argv = ["quickstart", "--output-dir", str(tmp_path), "--steps", "3"]
+    assert cli.main(argv) == 0
+    assert [command[0] for command in ran] == [
+        "act-chunking",
+        "lerobot-train",
+        "lerobot-eval",
+        "act-chunking",
+    ]
+    assert "75.0 % (3/4 episodes, 95 % Wilson interval 30.1-95.4 %)" in capsys.readouterr().out
+
+    ran.clear()
+    (tmp_path / "motion.png").unlink()
+    assert cli.main(argv) == 0
+    assert [command[:2] for command in ran] == [["act-chunking", "motion"]]
+
+
+def test_an_interrupted_training_resumes_from_its_checkpoint(tmp_path):
+    story = Story(tmp_path)
+    touch(story.policy / "config.json")
+    assert story.train_command() == [
+        "lerobot-train",
+        f"--config_path={story.policy}/train_config.json",
+        "--resume=true",
+    ]
+    assert not story.trained()
+
+
+def test_training_output_without_a_checkpoint_is_cleared_but_checkpoints_never(tmp_path):
+    story = Story(tmp_path)
+    touch(story.train / "leftover.txt")
+    quickstart.clear_unusable(story)
+    assert not story.train.exists()
+
+    touch(story.policy / "config.json")
+    quickstart.clear_unusable(story)
+    assert (story.policy / "config.json").exists()
+
+
+def test_a_failing_command_stops_the_story_and_is_named(tmp_path, capsys):
+    with pytest.raises(quickstart.StageFailedError, match="python ended with status 3"):
+        quickstart.run(["python", "-c", "raise SystemExit(3)"], quickstart.Console())
+    assert "$ python -c 'raise SystemExit(3)'" in capsys.readouterr().out
+
+
+def test_a_command_stopped_by_ctrl_c_counts_as_ctrl_c():
+    with pytest.raises(KeyboardInterrupt):
+        quickstart.run(["python", "-c", "raise SystemExit(130)"], quickstart.Console())
+
+
+def test_unknown_task_is_refused_before_anything_runs(tmp_path, capsys):
+    assert cli.main(["quickstart", "--task", "juggle", "--output-dir", str(tmp_path)]) == 1
+    assert "unknown task 'juggle'; choose one of: transfer_cube, insertion" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def touch(path: Path, text: str = "{}") -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)

@@ -1,0 +1,47 @@
+"""What LeRobot and Gymnasium find when this package is installed."""
+
+import importlib.metadata
+import subprocess
+import sys
+
+import gymnasium as gym
+
+
+def test_lerobot_discovers_the_installed_distribution_from_another_directory(tmp_path):
+    code = """
+from lerobot.configs import PreTrainedConfig
+from lerobot.datasets import factory
+from lerobot.envs.configs import EnvConfig
+from lerobot.utils.import_utils import register_third_party_plugins
+
+register_third_party_plugins()
+print(sorted({"act_chunked"} & set(PreTrainedConfig.get_known_choices())))
+print(sorted({"aloha_sim"} & set(EnvConfig.get_known_choices())))
+print(factory.LeRobotDataset.__name__)
+"""
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", code],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.splitlines() == ["['act_chunked']", "['aloha_sim']", "FastChunkDataset"]
+
+
+def test_the_distribution_name_is_the_one_lerobot_looks_for():
+    name = importlib.metadata.distribution("lerobot_policy_act_chunking").metadata["Name"]
+    assert name == "lerobot_policy_act_chunking"
+
+
+def test_importing_the_package_registers_environments_without_torch():
+    code = (
+        "import sys, gymnasium, lerobot_act_chunking;"
+        "print(sorted(i for i in gymnasium.registry if i.startswith('aloha_sim/')), 'torch' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "['aloha_sim/Insertion-v0', 'aloha_sim/TransferCube-v0'] False"
+
+
+def test_environments_are_registered_here_too():
+    assert {"aloha_sim/TransferCube-v0", "aloha_sim/Insertion-v0"} <= set(gym.registry)
