@@ -2,9 +2,9 @@
 
     python benchmarks/quickstart.py --seeds 0 1 2 --baseline --out benchmarks/results/quickstart.json
 
-Each seed runs the very commands of `act-chunking quickstart` on one shared recording. The baseline is LeRobot's
-own `act`, of the same size and learning rate, through the same lerobot-train with LeRobot's own reader
-(ACT_CHUNKING_FAST_CHUNKS=0), stopped after as long as the slowest seed took; its newest checkpoint is evaluated.
+Each seed runs the very commands of `act-chunking quickstart` on one shared recording. The baseline is
+LeRobot's own `act`, of the same size and learning rate, through lerobot-train with LeRobot's own reader
+(ACT_CHUNKING_FAST_CHUNKS=0), stopped when it had as long as the slowest seed; its newest checkpoint counts.
 """
 
 import argparse

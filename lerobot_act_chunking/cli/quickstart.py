@@ -225,7 +225,7 @@ def _quiet_environment() -> dict[str, str]:
 
 
 def clear_unusable(story: Story) -> None:
-    """Remove a training folder without a checkpoint: nothing to go on from, and lerobot-train would refuse it."""
+    """Remove a training folder without a checkpoint: nothing to resume, and lerobot-train would refuse it."""
     if story.train.exists() and not story.policy.exists():
         shutil.rmtree(story.train)
 

@@ -104,9 +104,9 @@ def load_checkpoint(policy_path: str) -> tuple[Any, Any, Any]:
     """
     from lerobot.configs import PreTrainedConfig
     from lerobot.policies.factory import get_policy_class, make_pre_post_processors
+    from lerobot.utils.import_utils import register_third_party_plugins
 
-    import lerobot_act_chunking.plugin  # noqa: F401  (registers our policy and environment types)
-
+    register_third_party_plugins()
     folder = Path(policy_path)
     if folder.exists() and not (folder / "config.json").exists():
         raise ConfigurationError(
