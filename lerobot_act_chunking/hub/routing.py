@@ -57,11 +57,11 @@ def _adapt_huggingface_hub() -> None:
 
 def _refuse_download_cache(hub: LocalHub) -> None:
     """Downloads move refs without taking the hub's lock; in the hub itself that could undo a push."""
-    from lerobot.utils.constants import HF_LEROBOT_HUB_CACHE
-
+    # LeRobot keeps downloaded datasets in a cache of its own; asking LeRobot for it would import torch.
+    lerobot_home = Path(os.environ.get("HF_LEROBOT_HOME") or Path(constants.HF_HOME) / "lerobot")
     for variable, cache in (
         ("HF_HUB_CACHE", constants.HF_HUB_CACHE),
-        ("HF_LEROBOT_HOME", HF_LEROBOT_HUB_CACHE),
+        ("HF_LEROBOT_HOME", lerobot_home / "hub"),
     ):
         if Path(cache).expanduser().resolve() == hub.root.resolve():
             raise ConfigurationError(
