@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.policies.loading import load_policy
 
 FILMSTRIP_FRAMES = 6
 
@@ -52,7 +53,7 @@ def record_motion(policy_path: str, *, task: str, seed: int, success: str = "tou
     from lerobot.envs.factory import make_env
     from lerobot.envs.utils import preprocess_observation
 
-    policy, preprocessor, postprocessor = load_checkpoint(policy_path)
+    policy, preprocessor, postprocessor = load_policy(policy_path)
     env_config = environment_for(policy.config, task=task, success=success)
     env = next(iter(make_env(env_config, n_envs=1).values()))[0]
     commands, positions, rewards, frames, succeeded = [], [], [], [], False
@@ -94,36 +95,6 @@ def joint_names() -> Sequence[str]:
     from lerobot_act_chunking.envs.aloha.world import JOINT_NAMES
 
     return JOINT_NAMES
-
-
-def load_checkpoint(policy_path: str) -> tuple[Any, Any, Any]:
-    """Policy in evaluation mode, pre-processor and post-processor of a checkpoint, on its own device.
-
-    Raises:
-        ConfigurationError: the folder does not exist or holds no ``config.json``.
-    """
-    from lerobot.configs import PreTrainedConfig
-    from lerobot.policies.factory import get_policy_class, make_pre_post_processors
-    from lerobot.utils.import_utils import register_third_party_plugins
-
-    register_third_party_plugins()
-    folder = Path(policy_path)
-    if folder.exists() and not (folder / "config.json").exists():
-        raise ConfigurationError(
-            f"{policy_path} holds no config.json; give the checkpoint's pretrained_model folder, "
-            "for example outputs/train/checkpoints/last/pretrained_model"
-        )
-    if not folder.exists() and (policy_path.startswith((".", "/", "~")) or policy_path.count("/") != 1):
-        raise ConfigurationError(f"there is no checkpoint at {policy_path}")
-    config = PreTrainedConfig.from_pretrained(policy_path)
-    policy = get_policy_class(config.type).from_pretrained(policy_path, config=config)
-    policy.eval()
-    processors = make_pre_post_processors(
-        config,
-        pretrained_path=policy_path,
-        preprocessor_overrides={"device_processor": {"device": str(config.device)}},
-    )
-    return policy, *processors
 
 
 def environment_for(config: Any, *, task: str, success: str) -> Any:
