@@ -15,6 +15,8 @@ def quiet_missing_ffmpeg() -> None:
 
 
 def _demote_torchcodec(record: logging.LogRecord) -> bool:
-    if "torchcodec" in record.getMessage():
-        record.levelno, record.levelname = logging.DEBUG, logging.getLevelName(logging.DEBUG)
-    return True
+    if "torchcodec" not in record.getMessage():
+        return True
+    record.levelno, record.levelname = logging.DEBUG, logging.getLevelName(logging.DEBUG)
+    # Handlers often take every level, because loggers have asked before; ask again for the new level.
+    return logging.getLogger(record.name).isEnabledFor(logging.DEBUG)
