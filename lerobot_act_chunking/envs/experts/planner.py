@@ -5,7 +5,7 @@ from typing import cast
 
 import numpy as np
 
-from lerobot_act_chunking.envs.experts import kinematics, transfer_cube
+from lerobot_act_chunking.envs.experts import insertion, kinematics, transfer_cube
 from lerobot_act_chunking.envs.experts.motion import (
     ArmScript,
     Script,
@@ -19,6 +19,7 @@ from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 
 _SCRIPTS: dict[str, tuple[int, Callable[[np.ndarray], Script]]] = {
     "transfer_cube": (7, transfer_cube.script),
+    "insertion": (14, insertion.script),
 }
 _HOME_GRIPPER = (0.0998,)  # gym-aloha starts with fingers all but closed
 _ARM_JOINTS = [*range(6), *range(7, 13)]
