@@ -6,6 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 
+import av.logging
 from lerobot.configs import RGBEncoderConfig
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
@@ -16,8 +17,11 @@ from lerobot_act_chunking.errors import DatasetError
 from lerobot_act_chunking.recording.episode import DatasetFormat, Episode
 from lerobot_act_chunking.recording.summary import SUMMARY_PATH
 
-# LeRobot's default, AV1, takes four times as long for the same picture and talks on stderr.
-_VIDEO_ENCODER = {"vcodec": "h264", "crf": 23, "preset": "veryfast"}
+# LeRobot's default, AV1, takes four times as long and talks on stderr. With B-frames and macroblock trees,
+# x264's lookahead makes different files of the same frames now and then; groups of two frames need neither.
+_VIDEO_ENCODER = RGBEncoderConfig(
+    vcodec="h264", crf=23, preset="veryfast", extra_options={"bf": "0", "x264-params": "mbtree=0"}
+)
 # LeRobot's encoder drops frames when its queue is full, so it must hold the longest episode.
 _FRAME_QUEUE = 100_000
 
@@ -44,7 +48,7 @@ class DatasetAssembly:
             robot_type=form.robot_type,
             use_videos=bool(form.videos),
             video_backend="pyav",  # naming it keeps LeRobot from probing, and warning about, torchcodec
-            rgb_encoder=RGBEncoderConfig(**_VIDEO_ENCODER) if form.videos else None,
+            rgb_encoder=_VIDEO_ENCODER,
             streaming_encoding=True,
             encoder_queue_maxsize=_FRAME_QUEUE,
             encoder_threads=1,  # H.264 splits frames by threads: one thread, one result on every machine
@@ -75,15 +79,10 @@ class DatasetAssembly:
         self._check_videos()
 
     def _check_videos(self) -> None:
-        meta = LeRobotDatasetMetadata(self._repo_id, root=self._folder)
-        for name in meta.video_keys:
-            spans = zip(
-                meta.episodes[f"videos/{name}/from_timestamp"],
-                meta.episodes[f"videos/{name}/to_timestamp"],
-                self._lengths,
-                strict=True,
-            )
-            for index, (start, end, length) in enumerate(spans):
+        episodes: Any = LeRobotDatasetMetadata(self._repo_id, root=self._folder).episodes
+        for name in self._form.videos:
+            starts, ends = (episodes[f"videos/{name}/{side}_timestamp"] for side in ("from", "to"))
+            for index, (start, end, length) in enumerate(zip(starts, ends, self._lengths, strict=True)):
                 frames = (end - start) * self._form.fps
                 if abs(frames - length) > 0.5:
                     raise DatasetError(
@@ -91,11 +90,14 @@ class DatasetAssembly:
                     )
 
     def __enter__(self) -> Self:
+        # LeRobot's encoder turns FFmpeg's own printing back on: twenty lines an episode at the usual level.
+        av.logging.set_libav_level(av.logging.ERROR)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if kind is None:
-            return
-        with suppress(Exception):  # the error that brought us here is the one to report
-            self._dataset.clear_episode_buffer()
-        shutil.rmtree(self._folder, ignore_errors=True)
+        if kind is not None:
+            for stop in (self._dataset.clear_episode_buffer, self._dataset.finalize):
+                with suppress(Exception):  # the error that brought us here is the one to report
+                    stop()
+            shutil.rmtree(self._folder, ignore_errors=True)
+        av.logging.set_libav_level(av.logging.INFO)

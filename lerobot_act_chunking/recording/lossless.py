@@ -7,9 +7,11 @@ A finished episode waits in the staging folder until it is its turn to be encode
 import io
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import cast
 
 import av
 import numpy as np
+from av.video.stream import VideoStream
 
 
 @dataclass(frozen=True)
@@ -23,7 +25,7 @@ class LosslessVideo:
 
     def frames(self) -> Iterator[np.ndarray]:
         """The frames in order, each (height, width, 3) uint8, decoded one at a time."""
-        with av.open(io.BytesIO(self.data)) as container:
+        with av.open(io.BytesIO(self.data), "r") as container:
             for frame in container.decode(video=0):
                 yield frame.to_ndarray(format="rgb24")
 
@@ -42,7 +44,8 @@ class LosslessEncoder:
         self._buffer = io.BytesIO()
         self._container = av.open(self._buffer, "w", format="matroska")
         # The rate is formal: frames are numbered, and come back in order.
-        stream = self._container.add_stream("libx264rgb", 50, options={"qp": "0", "preset": "ultrafast"})
+        options = {"qp": "0", "preset": "ultrafast"}
+        stream = cast(VideoStream, self._container.add_stream("libx264rgb", 50, options=options))
         stream.height, stream.width, stream.pix_fmt = height, width, "rgb24"
         stream.codec_context.thread_count = 1
         self._stream = stream

@@ -75,7 +75,7 @@ class WorkerPool:
             process.start()
             theirs.close()
             self._processes.append(process)
-            self._queued[ours] = 0
+            self._queued[cast(Connection, ours)] = 0
 
     def submit(self, seed: int) -> None:
         """Queue the attempt with the worker that has least to do."""

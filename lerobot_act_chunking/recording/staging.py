@@ -37,7 +37,7 @@ class EpisodeStore:
     def save(self, episode: Episode) -> None:
         """Keep an attempt; on return it is safe from any crash."""
         header: dict[str, Any] = {"success": episode.success, "details": episode.details, "videos": {}}
-        entries: dict[str, np.ndarray] = {}
+        entries: dict[str, Any] = {}
         if episode.success:
             entries |= {f"array/{name}": array for name, array in episode.arrays.items()}
             for name, video in episode.videos.items():
