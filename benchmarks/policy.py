@@ -1,7 +1,8 @@
 """Training step and action latency of `act_chunked` beside LeRobot's ``act``, at identical settings.
 
-Both policies get the same sizes, the same batches and LeRobot's AdamW, and take turns, so that whatever else the
-machine does hits both alike. Printed are medians and the median of the paired ratios (below 1: ours is faster).
+Both policies get the same sizes, the same batches and LeRobot's AdamW, and take turns, so that whatever else
+the machine does hits both alike. Printed are medians and the median of the paired ratios (below 1: ours is
+faster). `act_chunked` computes less (see `nn.transformer.Decoder` and `nn.style`), not something else.
 
     python benchmarks/policy.py [--repeats 30] [--threads 2] [--output policy.json]
 """
@@ -28,7 +29,13 @@ STATE = {"observation.state": PolicyFeature(FeatureType.STATE, (14,))}
 ENVIRONMENT = {"observation.environment_state": PolicyFeature(FeatureType.ENV, (7,))}
 CAMERA = {"observation.images.top": PolicyFeature(FeatureType.VISUAL, (3, 240, 320))}
 ACTION = {"action": PolicyFeature(FeatureType.ACTION, (14,))}
-SMALL = {"dim_model": 128, "n_heads": 4, "dim_feedforward": 512, "n_encoder_layers": 2, "n_vae_encoder_layers": 2}
+SMALL = {
+    "dim_model": 128,
+    "n_heads": 4,
+    "dim_feedforward": 512,
+    "n_encoder_layers": 2,
+    "n_vae_encoder_layers": 2,
+}
 
 
 @dataclass(frozen=True)
@@ -85,7 +92,7 @@ def make_batch(case: Case, batch_size: int) -> dict[str, torch.Tensor]:
 
 def training_step(policy: PreTrainedPolicy, batch: dict[str, torch.Tensor]) -> Callable[[], None]:
     """One step as lerobot-train takes it: forward, backward, clipping, AdamW."""
-    optimizer = policy.config.get_optimizer_preset().build(policy.get_optim_params())
+    optimizer: Any = policy.config.get_optimizer_preset().build(policy.get_optim_params())
     policy.train()
 
     def step() -> None:
@@ -130,13 +137,21 @@ def run(case: Case, repeats: int) -> list[Result]:
     theirs, ours = make_policies(case)
     batch, observation = make_batch(case, case.batch_size), make_batch(case, 1)
     return [
-        compare(case.name, "select_action", inference(theirs, observation), inference(ours, observation), 3 * repeats),
-        compare(case.name, "training step", training_step(theirs, batch), training_step(ours, batch), repeats),
+        compare(
+            case.name,
+            "select_action",
+            inference(theirs, observation),
+            inference(ours, observation),
+            3 * repeats,
+        ),
+        compare(
+            case.name, "training step", training_step(theirs, batch), training_step(ours, batch), repeats
+        ),
     ]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(description="Compare act_chunked with LeRobot's act.")
     parser.add_argument("--repeats", type=int, default=30)
     parser.add_argument("--threads", type=int, default=torch.get_num_threads())
     parser.add_argument("--only", default="", help="run the cases whose name contains this")

@@ -29,6 +29,11 @@ class Observation:
     vectors: dict[str, Float[Tensor, "B _"]]
     images: dict[str, Float[Tensor, "B 3 _ _"]]
 
+    @property
+    def batch_size(self) -> int:
+        """Number of samples, or of environments when acting."""
+        return len(next(iter((self.vectors or self.images).values())))
+
     @classmethod
     def from_lerobot(cls, batch: Mapping[str, Tensor], spec: FeatureSpec) -> "Observation":
         """Pick the observations of ``spec``.

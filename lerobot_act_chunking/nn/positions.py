@@ -48,7 +48,8 @@ class ImagePositions(nn.Module):
         """Positions of a feature map's cells, in the type and on the device of ``like``."""
         place = (height, width, like.device, like.dtype)
         if place not in self._kept:
-            self._kept[place] = image_positions(height, width, self.dim).to(like)
+            with torch.inference_mode(False):  # kept for training too, whichever mode comes first
+                self._kept[place] = image_positions(height, width, self.dim).to(like)
         return self._kept[place]
 
 

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from lerobot_act_chunking.nn.attention import Attention
+from lerobot_act_chunking.nn.dropout import Dropout
 
 Activation = Literal["relu", "gelu"]
 
@@ -44,7 +45,7 @@ class Residual(nn.Module):
         super().__init__()
         self.pre_norm = spec.pre_norm
         self.norm = nn.LayerNorm(spec.dim)
-        self.dropout = nn.Dropout(spec.dropout)
+        self.dropout = Dropout(spec.dropout)
 
     def add(self, x: Float[Tensor, "#B #N D"], branch: Callable[[Tensor], Tensor]) -> Float[Tensor, "B M D"]:
         """Add ``branch(x)`` to ``x``. A branch that returns only the first M tokens drops the others."""
@@ -101,7 +102,7 @@ class FeedForward(Residual):
         super().__init__(spec)
         self.expand = nn.Linear(spec.dim, spec.dim_feedforward)
         self.activation = nn.ReLU() if spec.activation == "relu" else nn.GELU()
-        self.hidden_dropout = nn.Dropout(spec.dropout)
+        self.hidden_dropout = Dropout(spec.dropout)
         self.contract = nn.Linear(spec.dim_feedforward, spec.dim)
 
     def forward(self, x: Float[Tensor, "B N D"]) -> Float[Tensor, "B N D"]:
@@ -152,7 +153,7 @@ class Encoder(nn.Module):
 
 
 class DecoderLayer(nn.Module):
-    """Self-attention of the queries (not in the first layer, see `Decoder`), cross-attention, feed-forward."""
+    """Self-attention of queries (not in the first layer, see `Decoder`), cross-attention, feed-forward."""
 
     def __init__(self, spec: LayerSpec, *, queries_interact: bool):
         super().__init__()

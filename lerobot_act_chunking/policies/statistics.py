@@ -5,6 +5,7 @@ from typing import Any, Protocol
 
 import torch
 from lerobot.configs import NormalizationMode, PolicyFeature
+from torch import Tensor
 
 from lerobot_act_chunking.errors import DatasetError
 
@@ -20,7 +21,6 @@ class NormalizingConfig(Protocol):
 
 
 NEEDED = {
-    NormalizationMode.IDENTITY: (),
     NormalizationMode.MEAN_STD: ("mean", "std"),
     NormalizationMode.MIN_MAX: ("min", "max"),
     NormalizationMode.QUANTILES: ("q01", "q99"),
@@ -28,19 +28,18 @@ NEEDED = {
 }
 
 
-def check_statistics(config: NormalizingConfig, stats: Statistics) -> None:
-    """Refuse statistics that would normalise silently wrong.
+def check_finite(config: NormalizingConfig, stats: Statistics) -> None:
+    """Refuse statistics of the policy's features that a NaN or an infinity in the dataset has spoiled.
 
     Raises:
-        DatasetError: naming the feature and the statistic that is missing or not finite.
+        DatasetError: naming the feature and the statistic.
     """
-    for key, name in _needed_statistics(config):
-        if name not in stats.get(key, {}):
-            raise DatasetError(f"the dataset has no statistic {name!r} of {key!r}, which normalises it")
-        if not torch.isfinite(torch.as_tensor(stats[key][name])).all():
-            raise DatasetError(
-                f"statistic {name!r} of {key!r} is {stats[key][name]}: the dataset holds a NaN or an infinity"
-            )
+    for key in _features(config):
+        for name, value in stats.get(key, {}).items():
+            if not torch.isfinite(torch.as_tensor(value)).all():
+                raise DatasetError(
+                    f"statistic {name!r} of {key!r} is {value}: the dataset holds a NaN or an infinity"
+                )
 
 
 def floored_statistics(
@@ -54,30 +53,32 @@ def floored_statistics(
     each side.
 
     Raises:
-        DatasetError: as `check_statistics`.
+        DatasetError: naming a feature without statistics, which LeRobot would silently leave as it is.
     """
-    check_statistics(config, stats)
     floored = {key: dict(values) for key, values in stats.items()}
-    for key, names in _by_feature(config).items():
-        values = {name: torch.as_tensor(stats[key][name], dtype=torch.float32) for name in names}
-        if names == NEEDED[NormalizationMode.MEAN_STD]:
-            values["std"] = values["std"].clamp_min(floor)
-        elif names:
-            low, high = names
-            centre, half = (values[high] + values[low]) / 2, (values[high] - values[low]) / 2
-            values = {low: centre - half.clamp_min(floor), high: centre + half.clamp_min(floor)}
-        floored[key].update(values)
+    for key, names in _needed_statistics(config).items():
+        if missing := set(names) - set(stats.get(key, ())):
+            raise DatasetError(
+                f"the dataset has no {' or '.join(sorted(missing))} of {key!r} to normalise it by"
+            )
+        floored[key].update(_floored(stats[key], names, floor))
     return floored
 
 
-def _by_feature(config: NormalizingConfig) -> dict[str, tuple[str, ...]]:
-    features = {**(config.input_features or {}), **(config.output_features or {})}
+def _floored(values: Mapping[str, Any], names: tuple[str, str], floor: float) -> dict[str, Tensor]:
+    first, second = (torch.as_tensor(values[name], dtype=torch.float32) for name in names)
+    if names == ("mean", "std"):
+        return {"std": second.clamp_min(floor)}
+    centre, half = (second + first) / 2, ((second - first) / 2).clamp_min(floor)
+    return dict(zip(names, (centre - half, centre + half), strict=True))
+
+
+def _needed_statistics(config: NormalizingConfig) -> dict[str, tuple[str, str]]:
     modes = config.normalization_mapping
-    return {
-        key: NEEDED[modes.get(feature.type.value, NormalizationMode.IDENTITY)]
-        for key, feature in features.items()
-    }
+    identity = NormalizationMode.IDENTITY
+    needed = {key: modes.get(feature.type.value, identity) for key, feature in _features(config).items()}
+    return {key: NEEDED[mode] for key, mode in needed.items() if mode is not identity}
 
 
-def _needed_statistics(config: NormalizingConfig) -> list[tuple[str, str]]:
-    return [(key, name) for key, names in _by_feature(config).items() for name in names]
+def _features(config: NormalizingConfig) -> dict[str, PolicyFeature]:
+    return {**(config.input_features or {}), **(config.output_features or {})}

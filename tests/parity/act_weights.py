@@ -1,7 +1,7 @@
 """The declared map from the parameters of LeRobot's ``act`` to those of ``act_chunked``.
 
-Every key of LeRobot's state dict is consumed exactly once, either mapped or dropped with a reason; what is left over,
-or missing on our side, is an error.
+Every key of LeRobot's state dict is consumed exactly once, either mapped or dropped with a reason; what is
+left over, or missing on our side, is an error.
 """
 
 import torch

@@ -1,4 +1,4 @@
-"""`act_chunked` with LeRobot's weights is LeRobot's ``act``: same chunks, losses and gradients, in float64."""
+"""`act_chunked` with the weights of LeRobot's ``act``: same chunks, losses and gradients, in float64."""
 
 from dataclasses import dataclass
 from itertools import product

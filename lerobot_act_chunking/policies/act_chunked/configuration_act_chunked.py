@@ -59,8 +59,8 @@ class ActChunkedConfig(PreTrainedConfig):
         kl_weight: weight of its KL divergence [nats, summed over dimensions] beside the mean absolute error.
         pad_normalization: average the action error over ``valid`` elements (LeRobot) or ``all`` (original
             ACT).
-        temporal_ensemble_coeff: execute the mean of overlapping chunks, each weighted by its age: i steps newer
-            than the oldest, ``exp(-coeff * i)``. ACT uses 0.01; negative values favour new chunks. None
+        temporal_ensemble_coeff: execute the mean of overlapping chunks, weighted by ``exp(-coeff * i)`` for a
+            chunk i steps newer than the oldest. ACT uses 0.01; negative values favour new chunks. None
             executes the newest chunk alone.
         use_ema: act with an exponential moving average of the weights.
         ema_power: the average's decay after n updates is ``1 - n ** -ema_power`` ...
@@ -141,8 +141,8 @@ class ActChunkedConfig(PreTrainedConfig):
             )
         if self.temporal_ensemble_coeff is not None and timing.n_action_steps == timing.chunk_size:
             raise ConfigurationError(
-                f"temporal_ensemble_coeff needs overlapping chunks: n_action_steps={timing.n_action_steps} must "
-                f"be below chunk_size={self.chunk_size}; 1 replans at every step, as ACT does"
+                f"temporal_ensemble_coeff needs overlapping chunks: n_action_steps={self.n_action_steps} "
+                f"must be below chunk_size={self.chunk_size}; 1 replans at every step, as ACT does"
             )
         for count, divisor in (
             ("chunk_size", "actions_per_query"),
@@ -167,8 +167,8 @@ class ActChunkedConfig(PreTrainedConfig):
             if getattr(self, name) < 1:
                 raise ConfigurationError(f"{name}={getattr(self, name)} must be at least 1")
         for name in ("dropout", "ema_max_value"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise ConfigurationError(f"{name}={getattr(self, name)} must lie between 0 and 1")
+            if not 0 <= getattr(self, name) < 1:
+                raise ConfigurationError(f"{name}={getattr(self, name)} must be at least 0 and below 1")
         for name in ("norm_std_floor", "kl_weight", "ema_power"):
             if not getattr(self, name) >= 0:
                 raise ConfigurationError(f"{name}={getattr(self, name)} must not be negative")

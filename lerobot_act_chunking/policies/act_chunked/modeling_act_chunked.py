@@ -11,7 +11,7 @@ from torch import Tensor
 
 from lerobot_act_chunking.data.batch import ActionTarget, Observation, first_non_finite
 from lerobot_act_chunking.data.masking import per_sample_error
-from lerobot_act_chunking.errors import DatasetError
+from lerobot_act_chunking.errors import ConfigurationError, DatasetError
 from lerobot_act_chunking.execution.ensemble import TemporalEnsemble
 from lerobot_act_chunking.execution.executor import ChunkExecutor, NewestChunk
 from lerobot_act_chunking.heads.regression import RegressionHead
@@ -22,7 +22,9 @@ from lerobot_act_chunking.nn.transformer import Decoder, Encoder, LayerSpec
 from lerobot_act_chunking.nn.vision import make_backbone
 from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
 from lerobot_act_chunking.policies.act_chunked.network import ActNetwork
-from lerobot_act_chunking.policies.statistics import check_statistics
+from lerobot_act_chunking.policies.statistics import check_finite
+
+FUSED_ADAMW_DEVICES = ("cpu", "cuda", "mps")
 
 Batch = dict[str, Any]
 
@@ -65,7 +67,7 @@ class ActChunkedPolicy(PreTrainedPolicy):
         if dataset_meta is not None:
             config.timing.check_episode_length(max(dataset_meta.episodes["length"]))
         if dataset_stats is not None:
-            check_statistics(config, dataset_stats)
+            check_finite(config, dataset_stats)
         self.config = config
         self.feature_spec = config.feature_spec
         weights = config.pretrained_backbone_weights if load_backbone_weights else None
@@ -75,13 +77,18 @@ class ActChunkedPolicy(PreTrainedPolicy):
             if config.use_ema
             else None
         )
+        self.register_load_state_dict_post_hook(_adopt_average)
         # LeRobot and its tools look for a queue under this name to learn when the next inference is due.
         self._action_queue = make_executor(config)
 
     @classmethod
     def from_pretrained(cls, pretrained_name_or_path: str | Path, **kwargs: Any) -> Self:
-        """Load a checkpoint; backbone weights come from it, not from torch hub's cache."""
-        return super().from_pretrained(pretrained_name_or_path, load_backbone_weights=False, **kwargs)
+        """Load a checkpoint, as LeRobot, but refuse one that does not fit in place of loading it in part.
+
+        Backbone weights come from the checkpoint, not from torch hub's cache.
+        """
+        kwargs = {"strict": True, "load_backbone_weights": False, **kwargs}
+        return super().from_pretrained(pretrained_name_or_path, **kwargs)
 
     def forward(
         self, batch: Batch, reduction: Literal["mean", "none"] = "mean"
@@ -134,20 +141,19 @@ class ActChunkedPolicy(PreTrainedPolicy):
     @torch.no_grad()
     def predict_action_chunk(self, batch: Batch, **_: Any) -> Tensor:
         """The whole chunk of normalised actions (B, T, A) from the current step on; needs no earlier call."""
-        return self._predict(batch, self.config.chunk_size)
+        return self._predict(Observation.from_lerobot(batch, self.feature_spec), self.config.chunk_size)
 
     @torch.no_grad()
     def select_action(self, batch: Batch, **_: Any) -> Tensor:
         """The normalised action (B, A) of this control step. Call `reset` at the start of each rollout."""
+        observation = Observation.from_lerobot(batch, self.feature_spec)
         ensembles = self.config.temporal_ensemble_coeff is not None
         n_needed = self.config.chunk_size if ensembles else self.config.n_action_steps
-        first_key = next(iter({**self.feature_spec.vectors, **self.feature_spec.images}))
-        return self._action_queue.step(lambda: self._predict(batch, n_needed), len(batch[first_key]))
+        return self._action_queue.step(lambda: self._predict(observation, n_needed), observation.batch_size)
 
-    def _predict(self, batch: Batch, n_steps: int) -> Tensor:
+    def _predict(self, observation: Observation, n_steps: int) -> Tensor:
         if self.training:
             self.eval()
-        observation = Observation.from_lerobot(batch, self.feature_spec)
         n_queries = math.ceil(n_steps / self.config.actions_per_query)
         return self._network(observation, n_queries=n_queries)[:, :n_steps]
 
@@ -161,13 +167,17 @@ class ActChunkedPolicy(PreTrainedPolicy):
             self.ema.update(self.model)
 
     def get_optim_params(self) -> list[dict[str, Any]]:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Parameter groups for the optimiser: the image backbone learns at its own rate."""
+        """Parameter groups for the optimiser: the image backbone learns at its own rate.
+
+        The groups ask for PyTorch's fused AdamW, which LeRobot's AdamWConfig cannot: the same update, faster.
+        """
         cameras = self.model.observation_encoder.cameras
         backbone = [] if cameras is None else list(cameras.backbone.parameters())
         in_backbone = set(backbone)
         rest = [p for p in self.model.parameters() if p not in in_backbone]
         groups = [{"params": rest}, {"params": backbone, "lr": self.config.optimizer_lr_backbone}]
-        return [group for group in groups if group["params"]]
+        fused = rest[0].device.type in FUSED_ADAMW_DEVICES
+        return [{**group, "fused": fused} for group in groups if group["params"]]
 
     def _get_default_peft_targets(self) -> dict[str, Any]:
         """Adapt all attention projections and feed-forward layers of the encoder and decoder."""
@@ -175,6 +185,25 @@ class ActChunkedPolicy(PreTrainedPolicy):
             "target_modules": r"model\.(encoder|decoder)\..*\.([qkv]_proj|out_proj|expand|contract)",
             "modules_to_save": ["head"],
         }
+
+    def _validate_peft_config(self, peft_config: Any) -> None:
+        super()._validate_peft_config(peft_config)
+        if self.ema is not None:
+            raise ConfigurationError("use_ema does not follow PEFT adapters: set --policy.use_ema=false")
+
+
+def _adopt_average(policy: ActChunkedPolicy, incompatible: Any) -> None:
+    """Let a checkpoint and the policy that loads it differ in `use_ema`.
+
+    After weights without an average, one starts at them; an average that is not wanted is left behind.
+    """
+    without_average = [key for key in incompatible.missing_keys if not key.startswith("ema.")]
+    if policy.ema is not None and len(without_average) < len(incompatible.missing_keys):
+        policy.ema.restart(policy.model)
+    incompatible.missing_keys[:] = without_average
+    if policy.ema is None:
+        unexpected = [key for key in incompatible.unexpected_keys if not key.startswith("ema.")]
+        incompatible.unexpected_keys[:] = unexpected
 
 
 def build_network(config: ActChunkedConfig, backbone_weights: str | None) -> ActNetwork:

@@ -5,7 +5,7 @@ from typing import Any
 from lerobot.processor import PolicyAction, PolicyProcessorPipeline, make_default_pre_post_processors
 
 from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
-from lerobot_act_chunking.policies.statistics import floored_statistics
+from lerobot_act_chunking.policies.statistics import check_finite, floored_statistics
 
 
 def make_act_chunked_pre_post_processors(
@@ -25,5 +25,6 @@ def make_act_chunked_pre_post_processors(
         DatasetError: if a statistic is missing or not finite.
     """
     if dataset_stats is not None:
+        check_finite(config, dataset_stats)
         dataset_stats = floored_statistics(config, dataset_stats, config.norm_std_floor)
     return make_default_pre_post_processors(config, dataset_stats, normalizer_device=config.device)
