@@ -106,6 +106,13 @@ def test_policy_features_are_what_environments_deliver(options, features):
     assert {key: tuple(value.shape[1:]) for key, value in delivered.items()} == features
 
 
+def test_images_are_named_as_in_datasets():
+    # lerobot-eval --eval.recording=true makes these the dataset's columns and finds the images by them.
+    config = AlohaSimEnvConfig(obs_type="pixels_state", cameras=["top", "angle"])
+    images = {"observation.images.top", "observation.images.angle"}
+    assert set(config.features) == {"action", "agent_pos"} | images
+
+
 def test_feature_types():
     config = AlohaSimEnvConfig(agent_vel=True)
     types = {key: feature.type for key, feature in env_to_policy_features(config).items()}

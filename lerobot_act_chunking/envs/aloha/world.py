@@ -59,14 +59,11 @@ class AlohaWorld:
             ConfigurationError: wrong shape, not finite, or a quaternion that is not of unit length.
         """
         pose = self._checked_pose(object_pose)
-        # dm_control runs forward once before and twice after placing; the solver's warm start remembers it.
         mujoco.mj_resetData(self.model, self.data)
-        self._forward_unactuated()
         self.data.qpos[:_ROBOT_SIZE] = _START_ARM * 2
         self.data.qpos[_ROBOT_SIZE:] = pose
         self.data.ctrl[:] = _START_ARM * 2
-        self._forward_unactuated()
-        self._forward_unactuated()
+        mujoco.mj_forward(self.model, self.data)
 
     def step(self, action: np.ndarray) -> None:
         """Advance one control period (20 ms) towards the joint targets.
@@ -118,13 +115,6 @@ class AlohaWorld:
     def stock_reward(self) -> int:
         """gym-aloha's reward 0 .. 4; 4 is its success."""
         return self._task.reward(self.contacts())
-
-    def _forward_unactuated(self) -> None:
-        actuation = mujoco.mjtDisableBit.mjDSBL_ACTUATION
-        flags = self.model.opt.disableflags
-        self.model.opt.disableflags = flags | actuation
-        mujoco.mj_forward(self.model, self.data)
-        self.model.opt.disableflags = flags
 
     def _set_targets(self, action: np.ndarray) -> None:
         # Stay in the action's own precision, as gym-aloha does: float32 actions then give the same targets.

@@ -11,7 +11,7 @@ os.environ.setdefault("MUJOCO_GL", "egl")
 with warnings.catch_warnings():
     # dm_control and its dependencies use deprecated Python features at import.
     warnings.simplefilter("ignore", DeprecationWarning)
-    from gym_aloha.env import AlohaEnv
+    from gym_aloha.env import BOX_POSE, AlohaEnv
 
 
 def make_stock(task: str) -> AlohaEnv:
@@ -19,6 +19,12 @@ def make_stock(task: str) -> AlohaEnv:
     env = AlohaEnv(task, obs_type="pixels_agent_pos")
     env._env.physics.render = lambda **_: np.zeros(1, np.uint8)
     return env
+
+
+def place(env: AlohaEnv, object_pose: np.ndarray) -> None:
+    """Start an episode with the objects at a pose of our choice."""
+    BOX_POSE[0] = object_pose
+    env._env.reset()
 
 
 def stock_images(task: str, seed: int, actions: np.ndarray) -> dict[str, np.ndarray]:

@@ -51,6 +51,15 @@ def test_full_quality_is_gym_alohas_to_the_pixel(task):
         assert not np.array_equal(first, last), "the arms moved"
 
 
+@pytest.mark.parametrize(("effects", "samples", "shadows"), [(True, 4, 4096), (False, 0, 0)])
+def test_fast_leaves_out_multisampling_and_the_shadow_map(world, effects, samples, shadows):
+    renderer = rendering.OffscreenRenderer(world.model, max_height=48, max_width=64, effects=effects)
+    context, flags = renderer._context, renderer._scene.flags
+    assert (context.offSamples, context.shadowSize) == (samples, shadows)
+    assert flags[mujoco.mjtRndFlag.mjRND_REFLECTION] == effects
+    renderer.close()
+
+
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_fast_shows_the_same_scene_without_shadows(camera):
     images = {}
