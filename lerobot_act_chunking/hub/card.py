@@ -1,7 +1,11 @@
 """What a model card says about an action-chunking policy, beyond LeRobot's text for every policy."""
 
+import re
 import shlex
+import sys
 from typing import Any, Protocol
+
+from huggingface_hub import ModelCard
 
 from lerobot_act_chunking.hub.routing import LOCAL_HUB
 
@@ -14,6 +18,18 @@ class ChunkSettings(Protocol):
     chunk_size: int
     input_features: Any
     output_features: Any
+
+
+_SECRET = re.compile(r"(--[^=]*(?:token|secret|password|api_key)[^=]*)=.*", re.IGNORECASE)
+
+
+def extend_card(card: ModelCard, config: ChunkSettings, *, fps: float | None = None) -> ModelCard:
+    """LeRobot's card for a policy of this package, with our section and this process's command line added.
+
+    Meant for ``generate_model_card``, the one hook that LeRobot's releases and its main branch share.
+    """
+    card.text = card.text.rstrip() + "\n\n" + policy_section(config, command=sys.argv, fps=fps)
+    return card
 
 
 def policy_section(config: ChunkSettings, *, command: list[str], fps: float | None = None) -> str:
@@ -33,13 +49,22 @@ def policy_section(config: ChunkSettings, *, command: list[str], fps: float | No
         "**Outputs**",
         _features(config.output_features),
         "## Training command",
-        _code(shlex.join([command[0].rpartition("/")[2], *command[1:]]) if command else "unknown"),
+        _code(_command_line(command)),
         "## Running it",
         "Install `lerobot_policy_act_chunking`, then, with the folder that the policy was pushed to:",
         _code(f"{LOCAL_HUB}=/path/to/hub lerobot-eval --policy.path={repo_id} --env.type=<type>"),
         f"From the Hugging Face Hub the same command works without `{LOCAL_HUB}`.",
     ]
     return "\n\n".join(parts) + "\n"
+
+
+def _command_line(command: list[str]) -> str:
+    """The command as one would type it: without its folder, and without secrets."""
+    if not command:
+        return "unknown"
+    return shlex.join(
+        [command[0].rpartition("/")[2], *(_SECRET.sub(r"\1=...", part) for part in command[1:])]
+    )
 
 
 def _execution(config: ChunkSettings, fps: float | None) -> str:

@@ -71,8 +71,8 @@ def test_paths_that_leave_the_repository_are_refused(path: object):
 
 @pytest.mark.parametrize(
     "ref",
-    ["", "..", "../main", "a/../b", "/main", "main/", "a//b", ".hidden", "a/.b", "x.lock", "a b", "a\x00", "a~1",
-     "a^", "a:b", "a?", "a*", "a[", "a\\b", "@{1}", "0" * 40, LONG, None],
+    ["", "..", "../main", "a/../b", "/main", "main/", "a//b", ".hidden", "a/.b", "x.lock", "a b", "a\x00",
+     "a~1", "a^", "a:b", "a?", "a*", "a[", "a\\b", "@{1}", "0" * 40, LONG, None],
 )  # fmt: skip
 def test_revisions_that_are_no_branch_or_tag_names_are_refused(ref: object):
     with pytest.raises(RefusedError):

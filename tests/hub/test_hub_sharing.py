@@ -6,13 +6,13 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from huggingface_hub import HfApi, snapshot_download
+from huggingface_hub import HfApi, ModelCard, snapshot_download
 from typer.testing import CliRunner
 
 from lerobot_act_chunking.cli.hub import app
 from lerobot_act_chunking.errors import ActChunkingError
 from lerobot_act_chunking.hub import routing
-from lerobot_act_chunking.hub.card import policy_section
+from lerobot_act_chunking.hub.card import extend_card, policy_section
 from lerobot_act_chunking.hub.names import RepoName
 from lerobot_act_chunking.hub.sharing import publish
 from lerobot_act_chunking.hub.storage import LocalHub
@@ -56,6 +56,14 @@ def test_the_card_explains_ensembling_and_copes_without_a_frame_rate():
     assert "averaged with weights exp(-0.01 i)" in section
     assert "a chunk of 100 actions\n" in section
     assert "unknown" in section
+
+
+def test_the_card_is_lerobot_s_with_our_section_and_no_secrets(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("sys.argv", ["lerobot-train", "--wandb.api_key=abc123", "--steps=9"])
+    card = extend_card(ModelCard("---\nlicense: mit\n---\n# Model Card\n"), Settings())
+    assert str(card).startswith("---\nlicense: mit\n---\n# Model Card\n\n## How `act_chunked` acts")
+    assert "lerobot-train --wandb.api_key=... --steps=9" in str(card)
+    assert "abc123" not in str(card)
 
 
 @pytest.fixture

@@ -168,7 +168,7 @@ def test_a_full_disk_publishes_nothing_and_says_so(
     real = os.fsync
 
     # Forced to disk, in order: blob, its folder, both folders of the snapshot, description, its folder, the
-    # folder of snapshots, the ref. (After the ref's rename, only its folder's sync is left: the push has landed.)
+    # folder of snapshots, the ref. (After the ref's rename only its folder is left: the push has landed.)
     for survived in range(8):
         (folder / "model.safetensors").write_bytes(os.urandom(100_000))
         left = survived
