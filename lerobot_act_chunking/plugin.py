@@ -1,11 +1,16 @@
-"""Everything LeRobot learns when it discovers this package: policy types, environment types, fast chunks.
+"""Everything LeRobot learns when it discovers this package: policy types, environment types, fast
+chunks, and the local hub if there is one.
 
-LeRobot imports the installed module ``lerobot_policy_act_chunking`` (a copy of ``_lerobot_plugin.py``), which imports
-this one. Only configurations are imported here; LeRobot finds policies and processors by module name.
+LeRobot imports the installed module ``lerobot_policy_act_chunking`` (a copy of ``_lerobot_plugin.py``), which
+imports this one. Only configurations are imported here; LeRobot finds the rest by module name.
 """
 
 import lerobot_act_chunking.envs.configuration_envs
 import lerobot_act_chunking.policies.act_chunked.configuration_act_chunked  # noqa: F401
+from lerobot_act_chunking import hub
 from lerobot_act_chunking.data import fast_chunks
+from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
 
 fast_chunks.install()
+hub.install()
+quiet_missing_ffmpeg()

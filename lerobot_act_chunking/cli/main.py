@@ -8,6 +8,7 @@ import sys
 import typer
 from rich.console import Console
 
+from lerobot_act_chunking.cli import hub
 from lerobot_act_chunking.cli.motion import motion_command
 from lerobot_act_chunking.cli.quickstart import quickstart_command
 from lerobot_act_chunking.cli.record import record_command
@@ -24,6 +25,7 @@ app = typer.Typer(
 app.command("quickstart")(quickstart_command)
 app.command("record")(record_command)
 app.command("motion")(motion_command)
+app.add_typer(hub.app, name="hub")
 
 
 def main(argv: list[str] | None = None) -> int:

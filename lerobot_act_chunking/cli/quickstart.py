@@ -22,12 +22,12 @@ from rich.rule import Rule
 from lerobot_act_chunking.errors import ActChunkingError, unknown_choice
 
 TASKS = ("transfer_cube", "insertion")
+LOCAL_HUB = "LEROBOT_LOCAL_HUB"
 
 # The recipe of configs/quickstart.yaml (a test holds the two together); measured in the README.
 POLICY = {
     "type": "act_chunked",
     "device": "cpu",
-    "push_to_hub": "false",
     "chunk_size": "100",
     "n_action_steps": "50",
     "actions_per_query": "5",
@@ -70,12 +70,22 @@ class Story:
         return f"local/{self.task}"
 
     @property
+    def hub(self) -> Path:
+        """The folder that takes the Hugging Face Hub's place: the user's own, or one beside the results."""
+        return Path(os.environ.get(LOCAL_HUB) or self.folder / "hub").resolve()
+
+    @property
+    def policy_repo_id(self) -> str:
+        """Name of the trained policy in the hub."""
+        return f"local/act_{self.task}"
+
+    @property
     def train(self) -> Path:
         """Output folder of lerobot-train."""
         return self.folder / "train"
 
     @property
-    def policy(self) -> Path:
+    def checkpoint(self) -> Path:
         """The newest checkpoint, as LeRobot lays it out."""
         return self.train / "checkpoints" / "last" / "pretrained_model"
 
@@ -114,11 +124,12 @@ class Story:
 
     def train_command(self) -> list[str]:
         """LeRobot's own training, from scratch or from where it was stopped."""
-        if self.policy.exists():
-            return ["lerobot-train", f"--config_path={self.policy}/train_config.json", "--resume=true"]
+        if self.checkpoint.exists():
+            return ["lerobot-train", f"--config_path={self.checkpoint}/train_config.json", "--resume=true"]
         return [
             "lerobot-train",
             *(f"--policy.{name}={value}" for name, value in POLICY.items()),
+            *("--policy.push_to_hub=true", f"--policy.repo_id={self.policy_repo_id}"),
             f"--dataset.repo_id={self.repo_id}",
             f"--dataset.root={self.dataset}",
             f"--output_dir={self.train}",
@@ -136,7 +147,7 @@ class Story:
         """LeRobot's own evaluation, on poses the demonstrations did not have."""
         return [
             "lerobot-eval",
-            f"--policy.path={self.policy}",
+            f"--policy.path={self.policy_repo_id}",
             "--policy.device=cpu",
             *("--env.type=aloha_sim", f"--env.task={self.task}", "--env.obs_type=state"),
             *("--env.render_quality=fast", "--env.visualization_width=320", "--env.visualization_height=240"),
@@ -149,17 +160,25 @@ class Story:
 
     def motion_command(self) -> list[str]:
         """One episode as a picture."""
-        return ["act-chunking", "motion", str(self.policy), "--task", self.task, "--out", str(self.picture)]
+        return [
+            "act-chunking",
+            "motion",
+            self.policy_repo_id,
+            "--task",
+            self.task,
+            "--out",
+            str(self.picture),
+        ]
 
     def recorded(self) -> bool:
         """The recorder publishes the dataset in one step, so that it is there or it is not."""
         return (self.dataset / "meta" / "info.json").exists()
 
     def trained(self) -> bool:
-        """Whether the checkpoint of the last step exists."""
-        return (
-            self.train / "checkpoints" / f"{self.steps:06d}" / "pretrained_model" / "config.json"
-        ).exists()
+        """Whether the last step's policy reached the hub, which is what lerobot-train does last."""
+        checkpoint = self.train / "checkpoints" / f"{self.steps:06d}"
+        pushed = self.hub / f"models--{self.policy_repo_id.replace('/', '--')}" / "refs" / "main"
+        return checkpoint.exists() and pushed.exists()
 
     def evaluated(self) -> bool:
         """Whether lerobot-eval finished."""
@@ -187,16 +206,17 @@ def quickstart_command(
     started = time.monotonic()
     stages: list[tuple[str, Callable[[], bool], Callable[[], list[str]]]] = [
         ("1/4 record demonstrations", story.recorded, story.record_command),
-        ("2/4 train", story.trained, story.train_command),
+        ("2/4 train", story.trained, lambda: train_afresh_or_on(story)),
         ("3/4 evaluate on unseen poses", story.evaluated, story.eval_command),
         ("4/4 draw one episode", story.drawn, story.motion_command),
     ]
+    os.environ[LOCAL_HUB] = str(story.hub)
+    console.print(f"$ export {LOCAL_HUB}={story.hub}", highlight=False, soft_wrap=True, style="bold")
     for title, done, command in stages:
         console.print(Rule(title))
         if done():
             console.print("already done")
         else:
-            clear_unusable(story)
             run(command(), console)
     _conclude(story, console, time.monotonic() - started)
 
@@ -210,24 +230,18 @@ def run(command: list[str], console: Console) -> None:
     """
     console.print(f"$ {shlex.join(command)}", highlight=False, soft_wrap=True, style="bold")
     script = shutil.which(command[0], path=str(Path(sys.executable).parent)) or command[0]
-    status = subprocess.run(  # noqa: S603  (our own commands)
-        [script, *command[1:]], env=_quiet_environment(), check=False
-    ).returncode
+    status = subprocess.run([script, *command[1:]], check=False).returncode  # noqa: S603  (our own commands)
     if status in (130, -2):
         raise KeyboardInterrupt
     if status != 0:
         raise StageFailedError(f"{command[0]} ended with status {status}; its output above says why")
 
 
-def _quiet_environment() -> dict[str, str]:
-    """No network and no chatter from libraries that would look for one."""
-    return {"HF_HUB_OFFLINE": "1", "HF_DATASETS_DISABLE_PROGRESS_BARS": "1", **os.environ}
-
-
-def clear_unusable(story: Story) -> None:
-    """Remove a training folder without a checkpoint: nothing to resume, and lerobot-train would refuse it."""
-    if story.train.exists() and not story.policy.exists():
+def train_afresh_or_on(story: Story) -> list[str]:
+    """The training command; a folder without a checkpoint, which lerobot-train would refuse, is removed."""
+    if story.train.exists() and not story.checkpoint.exists():
         shutil.rmtree(story.train)
+    return story.train_command()
 
 
 def _conclude(story: Story, console: Console, seconds: float) -> None:
@@ -237,7 +251,7 @@ def _conclude(story: Story, console: Console, seconds: float) -> None:
     console.print(f"success: {read_success_rate(story.evaluation / 'eval_info.json')}")
     videos = sorted(story.evaluation.rglob("*.mp4"))
     for label, path in [
-        ("policy", story.policy),
+        ("policy", story.checkpoint),
         ("picture", story.picture),
         *(("video", v) for v in videos[:1]),
     ]:
