@@ -6,7 +6,7 @@ from pathlib import Path
 
 from lerobot_act_chunking.hub import files
 from lerobot_act_chunking.hub.names import is_commit
-from lerobot_act_chunking.hub.publishing import ABANDONED, delete_ref, sweep
+from lerobot_act_chunking.hub.publishing import ABANDONED, delete_ref
 from lerobot_act_chunking.hub.refusal import RefusedError
 from lerobot_act_chunking.hub.repository import MAIN, Repository
 
@@ -90,7 +90,7 @@ def _drop(repository: Repository, commit_ids: list[str]) -> Freed:
         if not _in_flight(path, dropped_at.get(path.name, 0.0))
     ]
     size = sum(path.lstat().st_size for path in freed)
-    sweep(repository)
+    files.sweep(repository.incoming, ABANDONED)
     for path in freed:
         files.remove(path)
     return Freed(len(commit_ids), len(freed), size)

@@ -7,7 +7,7 @@ import uuid
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 
-from lerobot_act_chunking.hub.names import is_commit
+from lerobot_act_chunking.hub.names import checked_path, is_commit, is_digest, shorten
 from lerobot_act_chunking.hub.refusal import RefusedError
 
 
@@ -17,6 +17,12 @@ class Entry:
 
     digest: str
     size: int
+
+    def checked(self) -> "Entry":
+        """The entry itself, refused unless it can only mean a blob of its own repository."""
+        if not is_digest(self.digest) or not isinstance(self.size, int):
+            raise RefusedError(f"{shorten(self.digest)} is not the name of a blob")
+        return self
 
 
 @dataclass(frozen=True)
@@ -62,9 +68,12 @@ class Commit:
         """
         try:
             fields = json.loads(data)
-            fields["files"] = {path: Entry(**entry) for path, entry in fields["files"].items()}
+            datetime.fromisoformat(fields["date"])
+            fields["files"] = {
+                checked_path(path): Entry(**entry).checked() for path, entry in fields["files"].items()
+            }
             commit = cls(**fields)
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
+        except (RefusedError, ValueError, TypeError, KeyError, AttributeError) as error:
             raise RefusedError(f"the description of revision {commit_id} is damaged: {error}", 422) from error
         if not is_commit(commit_id) or commit.commit_id != commit_id:
             raise RefusedError(

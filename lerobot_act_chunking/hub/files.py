@@ -5,6 +5,7 @@ import errno
 import hashlib
 import os
 import shutil
+import time
 import uuid
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -175,6 +176,14 @@ def require_inside(path: Path, folder: Path) -> Path:
     if not is_inside(path, folder):
         raise RefusedError(f"{path} leads out of {folder} through a symlink; remove that link", 403)
     return path
+
+
+def sweep(folder: Path, older_than: float) -> None:
+    """Remove what processes that died left half made in ``folder`` more than ``older_than`` [s] ago."""
+    for path in folder.iterdir() if folder.is_dir() else ():
+        with contextlib.suppress(OSError):  # somebody else's, or gone already
+            if path.suffix != ".lock" and time.time() - path.stat().st_mtime > older_than:
+                remove(path)
 
 
 def remove(path: Path) -> None:

@@ -86,6 +86,11 @@ def is_sha256(digest: str) -> bool:
     return _SHA256.fullmatch(digest) is not None
 
 
+def is_digest(name: object) -> bool:
+    """Whether a name is one that blobs have: a SHA-256, or the SHA-1 of a small file of the real Hub."""
+    return isinstance(name, str) and (is_sha256(name) or is_commit(name))
+
+
 def checked_sha256(digest: object) -> str:
     """A SHA-256 digest from outside [64 lower-case hex digits]."""
     if not isinstance(digest, str) or not is_sha256(digest):

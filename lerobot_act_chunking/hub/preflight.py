@@ -40,14 +40,10 @@ def check_push(config: PushSettings) -> None:
     """
     if not config.push_to_hub:
         return
-    if config.repo_id is None:
-        raise ConfigurationError(
-            f"push_to_hub is on (LeRobot's default) but there is no --policy.repo_id to push to. {_WAYS_OUT}"
-        )
     hub = configured_hub()
     if hub is None:
         _check_real_hub(config.repo_id)
-    else:
+    elif config.repo_id is not None:  # LeRobot itself asks for a missing one
         _check_local_hub(hub, config.repo_id)
 
 
@@ -64,10 +60,11 @@ def _check_local_hub(hub: LocalHub, repo_id: str) -> None:
         ) from error
 
 
-def _check_real_hub(repo_id: str) -> None:
+def _check_real_hub(repo_id: str | None) -> None:
     reason = _why_unreachable()
     if reason is not None:
-        raise ConfigurationError(f"this run would push {repo_id!r} when it ends, but {reason}. {_WAYS_OUT}")
+        what = f"push to {repo_id!r}" if repo_id else "push (--policy.push_to_hub is on by default)"
+        raise ConfigurationError(f"this run would {what} when it ends, but {reason}. {_WAYS_OUT}")
 
 
 def _why_unreachable() -> str | None:

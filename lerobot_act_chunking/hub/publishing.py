@@ -6,7 +6,6 @@ renamed), and the ref last. Callers hold the repository's lock for everything ex
 
 import contextlib
 import os
-import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -117,7 +116,7 @@ def publish_revision(repository: Repository, branch: str, change: Change) -> str
     commit = Commit.now(title=change.title, description=change.description, parent=parent, files=table)
     _write_snapshot(repository, commit, parent)
     _point(repository, branch, commit.commit_id)
-    sweep(repository)
+    files.sweep(repository.incoming, ABANDONED)
     return commit.commit_id
 
 
@@ -212,14 +211,6 @@ def _place_file(repository: Repository, target: Path, entry: Entry, previous: Pa
         receive_blob(repository, files.read_chunks(previous), entry.digest, entry.size)
     depth = len(target.relative_to(repository.incoming).parts)
     files.place(blob, target, "../" * depth + f"blobs/{entry.digest}")
-
-
-def sweep(repository: Repository) -> None:
-    """Remove what killed pushes left half received."""
-    for path in leftovers(repository):
-        with contextlib.suppress(OSError):  # somebody else's, or gone already
-            if time.time() - path.stat().st_mtime > ABANDONED:
-                files.remove(path)
 
 
 def leftovers(repository: Repository) -> list[Path]:

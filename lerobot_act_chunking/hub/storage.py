@@ -86,6 +86,7 @@ class LocalHub:
         repository = self.open(name)
         with self.lock(name), files.scratch_path(self._work_folder) as trash:
             files.publish(repository.folder, trash)
+        files.sweep(self._work_folder, LOCK_TIMEOUT)
 
     @contextmanager
     def lock(self, name: RepoName) -> Iterator[None]:

@@ -14,6 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from lerobot_act_chunking.hub import verifying
+from lerobot_act_chunking.hub.commits import Commit, Entry
 from lerobot_act_chunking.hub.names import KINDS, RepoName, checked_path, checked_ref
 from lerobot_act_chunking.hub.refusal import RefusedError
 from lerobot_act_chunking.hub.storage import LocalHub
@@ -264,6 +265,36 @@ def test_a_ref_folder_that_is_a_symlink_cannot_be_written_through(filled: LocalH
     with pytest.raises(HfHubHTTPError, match="leads out of"):
         HfApi().create_branch("me/act", branch="trials/a")
     assert list(outside.iterdir()) == []
+
+
+def forge(filled: LocalHub, path: str, entry: Entry, date: str = "2026-01-01T00:00:00+00:00") -> None:
+    """Point ``main`` at a revision whose description is consistent with its id, and hostile."""
+    repository = filled.open(RepoName("model", "me/act"))
+    commit = Commit("title", "", "mallory", date, None, "", {path: entry})
+    (repository.commit_folder / f"{commit.commit_id}.json").write_bytes(commit.to_json())
+    (repository.snapshots / commit.commit_id).mkdir()
+    (repository.ref_folder / "main").write_text(commit.commit_id)
+
+
+@pytest.mark.parametrize(
+    ("path", "digest", "date"),
+    [
+        ("../../../../escaped", "0" * 64, "2026-01-01"),
+        ("x", "../../../secret", "2026-01-01"),
+        ("x", "0" * 64, "yesterday"),
+    ],
+)
+def test_a_forged_description_cannot_write_or_link_outside(
+    filled: LocalHub, path: str, digest: str, date: str
+):
+    before = tree_below(filled.root.parent)
+    forge(filled, path, Entry(digest, 6), date)
+    line = json.dumps({"key": "file", "value": {"path": "new", "content": "eA=="}}).encode()
+    response = ask(filled, "POST", b"api/models/me/act/commit/main", line)
+    assert response.status_code == 422
+    assert "is damaged" in response.json()["error"]
+    added = tree_below(filled.root.parent) - before
+    assert all(name.startswith("hub/models--me--act/") for name in added)
 
 
 def test_a_damaged_description_is_not_believed(filled: LocalHub):

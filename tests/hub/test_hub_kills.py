@@ -87,7 +87,7 @@ def small_folder(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("small_folder")
 def test_killed_pushes_leave_the_previous_revision(tmp_path: Path):
-    assert_kills_are_harmless(LocalHub(tmp_path / "hub"), kills=3, size=8_000_000)
+    assert_kills_are_harmless(LocalHub(tmp_path / "hub"), kills=2, size=4_000_000)
 
 
 @pytest.mark.slow

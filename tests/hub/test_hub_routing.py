@@ -103,10 +103,16 @@ def test_a_run_that_does_not_push_needs_nothing():
     check_push(Settings(push_to_hub=False, repo_id=None))
 
 
-def test_a_push_without_a_name_fails_at_the_start():
+def test_the_default_of_pushing_without_a_name_fails_at_the_start():
     with pytest.raises(ConfigurationError) as failure:
         check_push(Settings(repo_id=None))
-    assert "no --policy.repo_id" in without_ways_out(str(failure.value))
+    assert "--policy.push_to_hub is on by default" in without_ways_out(str(failure.value))
+
+
+def test_a_missing_name_alone_is_left_to_lerobot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv(routing.LOCAL_HUB, str(tmp_path / "hub"))
+    check_push(Settings(repo_id=None))
+    assert not (tmp_path / "hub").exists()
 
 
 def test_a_push_without_a_login_fails_at_the_start():

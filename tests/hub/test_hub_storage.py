@@ -231,6 +231,15 @@ def test_a_really_full_disk(small_disk: Path, api: HfApi, tmp_path: Path):
     assert verify(repository).problems == []
 
 
+def test_deleting_sweeps_what_killed_deletions_left(hub: LocalHub):
+    hub.create(MODEL)
+    trash = hub.root / ".locks" / "lerobot-hub" / "0123456789abcdef"
+    trash.mkdir()
+    os.utime(trash, (0, 0))
+    hub.delete(MODEL)
+    assert [path.name for path in trash.parent.iterdir()] in ([], ["models--me--act.lock"])
+
+
 def test_sync_of_a_folder_forgives_only_file_systems_that_cannot(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

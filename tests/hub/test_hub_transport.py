@@ -11,6 +11,7 @@ from huggingface_hub import (
     CommitOperationAdd,
     CommitOperationCopy,
     HfApi,
+    HfFileSystem,
     ModelCard,
     get_session,
     hf_hub_download,
@@ -247,6 +248,26 @@ def test_a_download_resumes_where_it_stopped(api: HfApi, folder: Path):
     middle = get_session().get(address, headers={"Range": "bytes=7-9"})
     assert middle.content == content[7:10]
     assert get_session().get(address, headers={"Range": "bytes=300000-"}).status_code == 416
+
+
+@pytest.mark.slow  # its workers poll every ten seconds
+def test_a_large_folder_pushes_too(api: HfApi, folder: Path):
+    api.create_repo("me/act")
+    with pytest.warns(FutureWarning, match="upload_large_folder"):  # LeRobotDataset.push_to_hub may use it
+        api.upload_large_folder("me/act", folder, repo_type="model", num_workers=2, print_report=False)
+    assert api.list_repo_files("me/act") == FILES
+
+
+def test_the_file_system_interface_reads_parts_of_files(api: HfApi, folder: Path):
+    api.create_repo("me/act")
+    api.upload_folder(repo_id="me/act", folder_path=folder)
+    system = HfFileSystem(skip_instance_cache=True)
+    assert sorted(system.glob("me/act/**/*.safetensors")) == [
+        f"me/act/{name}" for name in FILES if "safetensors" in name
+    ]
+    with system.open("me/act/model.safetensors", "rb") as file:
+        file.seek(299_000)
+        assert file.read(100) == (folder / "model.safetensors").read_bytes()[299_000:299_100]
 
 
 def test_cards_are_validated_without_the_real_hub(api: HfApi):
