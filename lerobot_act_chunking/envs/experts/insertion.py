@@ -50,8 +50,8 @@ def _arm(grasp: tuple[float, float, float], ready: tuple[float, float], pushed_x
         tool=(
             Stroke(-0.25, 1.3, (x, y, 0.12, _DOWN, roll), free=True),
             Stroke(0.8, 1.85, (x, y, _GRASP_HEIGHT, _DOWN, roll)),
-            Stroke(1.8, 2.9, (x, y, 0.14, _DOWN, roll)),
-            Stroke(1.9, 3.4, (ready_x, _MEETING_Y, z, _DOWN, 0.0), free=True),
+            Stroke(1.8, 2.9, (x, y, 0.14, _DOWN, roll), free=True),
+            Stroke(1.9, 3.4, (ready_x, _MEETING_Y, z, _DOWN, 0.0)),
             Stroke(3.0, 4.2, (pushed_x, _MEETING_Y, z, _DOWN, 0.0)),
             Stroke(*_RISE_TIME, (pushed_x, _MEETING_Y, z + _RISE, _DOWN, 0.0)),
         ),

@@ -10,6 +10,7 @@ A tool pose is (x, y, z, pitch, roll): the grasp point between the fingertips [m
 fingers below the horizon [rad] and the turn about the finger axis [rad]. Link lengths are gym-aloha's.
 """
 
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -28,6 +29,8 @@ _UPPER_ARM = float(np.hypot(0.05955, 0.3))
 # The elbow sits in front of the shoulder at shoulder angle 0.
 _UPPER_ARM_LEAN = float(np.arctan2(0.05955, 0.3))
 _FOREARM = 0.2 + 0.1
+# Shoulder, elbow and wrist angles [rad]; the other joints go all around.
+_LOWEST, _HIGHEST = np.array([-1.85005, -1.76278, -1.8675]), np.array([1.25664, 1.6057, 2.23402])
 # Wrist centre to grasp point: the gripper link, then 139 mm along fingers that end at 154 mm. The tips clear
 # the table by 5 mm when the point is at the centre of a 4 cm cube.
 _WRIST_TO_GRASP = 0.069744 + 0.139
@@ -54,21 +57,18 @@ def inverse(arm: Arm, tool: np.ndarray) -> np.ndarray:
     reach = np.hypot(radius, height)
     # Law of cosines in the triangle shoulder, elbow, wrist.
     cosine = (_UPPER_ARM**2 + reach**2 - _FOREARM**2) / (2 * _UPPER_ARM * reach)
-    if np.any(np.abs(cosine) > 1):
-        x, y, z = tool[int(np.argmax(np.abs(cosine))), :3].round(3).tolist()
-        raise ConfigurationError(
-            f"the {arm} arm cannot reach x={x} y={y} z={z} m; move the object closer to it"
-        )
-    elevation = np.arctan2(height, radius) + np.arccos(cosine)
+    elevation = np.arctan2(height, radius) + np.arccos(np.clip(cosine, -1.0, 1.0))
     forearm_pitch = np.arctan2(
         _UPPER_ARM * np.sin(elevation) - height, radius - _UPPER_ARM * np.cos(elevation)
     )
     shoulder = np.pi / 2 - elevation - _UPPER_ARM_LEAN
-    waist, elbow, wrist = np.arctan2(aside, ahead), forearm_pitch - shoulder, pitch - forearm_pitch
-    return np.stack([waist, shoulder, elbow, np.zeros_like(x), wrist, roll], axis=-1)
+    bends = np.stack([shoulder, forearm_pitch - shoulder, pitch - forearm_pitch], axis=-1)
+    _check_reach(arm, tool, (np.abs(cosine) <= 1) & np.all((bends >= _LOWEST) & (bends <= _HIGHEST), axis=-1))
+    waist, no_roll = np.arctan2(aside, ahead), np.zeros_like(x)
+    return np.column_stack([waist, bends[:, :2], no_roll, bends[:, 2], roll])
 
 
-def forward(arm: Arm, joints: np.ndarray) -> np.ndarray:
+def forward(arm: Arm, joints: Sequence[float] | np.ndarray) -> np.ndarray:
     """Tool pose (5,) of joint angles (6,) [rad] whose forearm roll is zero."""
     waist, shoulder, elbow, _, wrist, roll = joints
     lean, forearm_pitch, pitch = shoulder + _UPPER_ARM_LEAN, shoulder + elbow, shoulder + elbow + wrist
@@ -93,3 +93,11 @@ def bearing(arm: Arm, x: float, y: float) -> float:
     """
     base_x, base_y, facing = _BASES[arm]
     return float(np.arctan2(facing * (y - base_y), facing * (x - base_x)))
+
+
+def _check_reach(arm: Arm, tool: np.ndarray, reached: np.ndarray) -> None:
+    if not reached.all():
+        x, y, z = tool[int(np.argmin(reached)), :3].round(3).tolist()
+        raise ConfigurationError(
+            f"the {arm} arm cannot reach x={x} y={y} z={z} m; place objects where gym-aloha does"
+        )

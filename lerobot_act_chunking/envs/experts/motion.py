@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-CONTROL_PERIOD = 0.02
-"""Time between two actions [s]."""
+from lerobot_act_chunking.envs.aloha.world import CONTROL_PERIOD
 
 _NOISE_CORRELATION = 0.2  # width [s] of the filter on white noise: slow enough for the arms to follow
 _PAUSE_WINDOW = 0.1  # stretch [s] of the script over which a pause is spread, so that nothing stops at once
@@ -58,7 +57,7 @@ def minimum_jerk(phase: np.ndarray) -> np.ndarray:
     return phase**3 * (10 - 15 * phase + 6 * phase**2)
 
 
-def blend(times: np.ndarray, origin: Sequence[float], strokes: Sequence[Stroke]) -> np.ndarray:
+def blend(times: np.ndarray, origin: Sequence[float] | np.ndarray, strokes: Sequence[Stroke]) -> np.ndarray:
     """Superpose strokes: each adds its displacement in its own time, so overlapping ones round the corner.
 
     Args:
@@ -113,6 +112,7 @@ def script_times(duration: float, pauses: Sequence[float], speed: float, dwell: 
 def correlated_noise(shape: tuple[int, int], scale: float, rng: np.random.Generator) -> np.ndarray:
     """Gaussian noise (T, D) of standard deviation ``scale``, smooth along the first axis."""
     width = _NOISE_CORRELATION / CONTROL_PERIOD
+    # Wrapping around keeps the variance even at both ends.
     smooth = gaussian_filter1d(rng.standard_normal(shape), width, axis=0, mode="wrap")
     # A Gaussian filter of width w leaves white noise a variance of 1 / (2 sqrt(pi) w).
     return scale * np.sqrt(2 * np.sqrt(np.pi) * width) * smooth

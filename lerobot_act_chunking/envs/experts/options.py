@@ -7,10 +7,11 @@ import numpy as np
 
 from lerobot_act_chunking.errors import ConfigurationError
 
-SPEED_RANGE = (0.5, 1.5)
-MAX_WAYPOINT_NOISE = 0.05
-MAX_ACTION_NOISE = 0.2
-MAX_DWELL = 2.0
+# Outside these ranges the experts fail too often to demonstrate anything.
+_SPEED = (0.7, 1.5)
+_WAYPOINT_NOISE = (0.0, 0.03)
+_ACTION_NOISE = (0.0, 0.05)
+_DWELL = (0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -34,10 +35,10 @@ class ExpertOptions:
     dwell: float = 0.0
 
     def __post_init__(self) -> None:
-        _check_range("speed", self.speed, *SPEED_RANGE, unit="times the nominal pace")
-        _check_range("waypoint_noise", self.waypoint_noise, 0.0, MAX_WAYPOINT_NOISE, unit="m")
-        _check_range("action_noise", self.action_noise, 0.0, MAX_ACTION_NOISE, unit="rad")
-        _check_range("dwell", self.dwell, 0.0, MAX_DWELL, unit="s")
+        _check_range("speed", self.speed, _SPEED, unit="times the nominal pace")
+        _check_range("waypoint_noise", self.waypoint_noise, _WAYPOINT_NOISE, unit="m")
+        _check_range("action_noise", self.action_noise, _ACTION_NOISE, unit="rad")
+        _check_range("dwell", self.dwell, _DWELL, unit="s")
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,7 @@ class ExpertPlan:
     commands: np.ndarray
 
 
-def _check_range(name: str, value: float, low: float, high: float, unit: str) -> None:
+def _check_range(name: str, value: float, allowed: tuple[float, float], unit: str) -> None:
+    low, high = allowed
     if not (math.isfinite(value) and low <= value <= high):
         raise ConfigurationError(f"expert option {name}={value} is outside {low} .. {high} {unit}")

@@ -1,11 +1,12 @@
 """From a task and its objects to joint targets for a whole episode."""
 
 from collections.abc import Callable
-from typing import cast
 
 import numpy as np
 
-from lerobot_act_chunking.envs.experts import insertion, kinematics, transfer_cube
+from lerobot_act_chunking.envs.aloha.tasks import get_task
+from lerobot_act_chunking.envs.experts import insertion, transfer_cube
+from lerobot_act_chunking.envs.experts.kinematics import HOME_JOINTS, Arm, forward, inverse
 from lerobot_act_chunking.envs.experts.motion import (
     ArmScript,
     Script,
@@ -15,14 +16,18 @@ from lerobot_act_chunking.envs.experts.motion import (
     shift_free,
 )
 from lerobot_act_chunking.envs.experts.options import ExpertOptions, ExpertPlan
-from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
+from lerobot_act_chunking.errors import ConfigurationError
 
-_SCRIPTS: dict[str, tuple[int, Callable[[np.ndarray], Script]]] = {
-    "transfer_cube": (7, transfer_cube.script),
-    "insertion": (14, insertion.script),
+MAX_STEPS = 400
+"""Length of gym-aloha's episodes, in control steps."""
+
+_SCRIPTS: dict[str, Callable[[np.ndarray], Script]] = {
+    "transfer_cube": transfer_cube.script,
+    "insertion": insertion.script,
 }
-_HOME_GRIPPER = (0.0998,)  # gym-aloha starts with fingers all but closed
+_HOME_GRIPPER = (0.09985,)  # gym-aloha starts with all but closed fingers
 _ARM_JOINTS = [*range(6), *range(7, 13)]
+_MAX_TURN = 0.1  # [rad]; closing fingers straighten an object that is turned less
 
 
 def plan(task: str, object_pose: np.ndarray, options: ExpertOptions, rng: np.random.Generator) -> ExpertPlan:
@@ -30,7 +35,7 @@ def plan(task: str, object_pose: np.ndarray, options: ExpertOptions, rng: np.ran
 
     Args:
         task: one of ``TASKS``.
-        object_pose: (7,) or (14,), x y z [m] and quaternion qw qx qy qz per object, upright as gym-aloha
+        object_pose: (7,) or (14,), x y z [m] and quaternion qw qx qy qz per object, unturned as gym-aloha
             places them.
         options: pace, noise and pauses.
         rng: source of the noise; a noise-free plan draws nothing from it.
@@ -39,33 +44,51 @@ def plan(task: str, object_pose: np.ndarray, options: ExpertOptions, rng: np.ran
         The joint targets, 50 per second. Without noise they are a smooth function of ``object_pose``.
 
     Raises:
-        ConfigurationError: unknown task, a pose of the wrong shape, or an object out of reach.
+        ConfigurationError: unknown task; a pose that is malformed, turned or out of reach; options that
+            stretch the plan beyond ``MAX_STEPS``.
     """
-    if task not in _SCRIPTS:
-        raise unknown_choice("task", task, _SCRIPTS)
-    pose_size, write = _SCRIPTS[task]
-    script = write(_checked(task, object_pose, pose_size))
+    pose = _checked_pose(task, object_pose)
+    script = _SCRIPTS[task](pose)
+    times = _step_times(script, options)
+    left = _targets("left", script.left, times, options.waypoint_noise, rng)
+    right = _targets("right", script.right, times, options.waypoint_noise, rng)
+    actions = np.concatenate([left, right], axis=1)
+    return ExpertPlan(actions, commands=_disturbed(actions, options.action_noise, rng))
+
+
+def _checked_pose(task: str, object_pose: np.ndarray) -> np.ndarray:
+    size = get_task(task).pose_size
+    pose = np.asarray(object_pose, dtype=np.float64)
+    if pose.shape != (size,) or not np.isfinite(pose).all():
+        raise ConfigurationError(
+            f"the object pose of {task} is {size} finite numbers, x y z qw qx qy qz per object; "
+            f"got shape {pose.shape}: {pose.tolist()}"
+        )
+    quaternions = pose.reshape(-1, 7)[:, 3:]
+    if np.any(np.abs(quaternions[:, 0]) < np.cos(_MAX_TURN / 2) * np.linalg.norm(quaternions, axis=1)):
+        raise ConfigurationError(
+            f"the expert grasps objects turned by less than {_MAX_TURN} rad, qw qx qy qz = 1 0 0 0; "
+            f"got {quaternions.tolist()}"
+        )
+    return pose
+
+
+def _step_times(script: Script, options: ExpertOptions) -> np.ndarray:
     times = script_times(script.duration, script.pauses, options.speed, options.dwell)
-    arms = [
-        _targets(cast(kinematics.Arm, arm), getattr(script, arm), times, options, rng)
-        for arm in ("left", "right")
-    ]
-    actions = np.concatenate(arms, axis=1)
-    return ExpertPlan(actions, _disturbed(actions, options.action_noise, rng))
+    if len(times) > MAX_STEPS:
+        raise ConfigurationError(
+            f"speed={options.speed} and dwell={options.dwell} make a plan of {len(times)} steps, an episode "
+            f"has {MAX_STEPS}; raise the speed or shorten the dwell"
+        )
+    return times
 
 
 def _targets(
-    arm: kinematics.Arm,
-    script: ArmScript,
-    times: np.ndarray,
-    options: ExpertOptions,
-    rng: np.random.Generator,
+    arm: Arm, script: ArmScript, times: np.ndarray, waypoint_noise: float, rng: np.random.Generator
 ) -> np.ndarray:
-    strokes = script.tool
-    if options.waypoint_noise > 0:
-        strokes = shift_free(strokes, options.waypoint_noise, rng)
-    home = kinematics.forward(arm, np.array(kinematics.HOME_JOINTS))
-    joints = kinematics.inverse(arm, blend(times, home.tolist(), strokes))
+    """(T, 7) joint and gripper targets of one arm."""
+    strokes = shift_free(script.tool, waypoint_noise, rng) if waypoint_noise > 0 else script.tool
+    joints = inverse(arm, blend(times, forward(arm, HOME_JOINTS), strokes))
     return np.concatenate([joints, blend(times, _HOME_GRIPPER, script.gripper)], axis=1)
 
 
@@ -74,13 +97,3 @@ def _disturbed(actions: np.ndarray, scale: float, rng: np.random.Generator) -> n
     if scale > 0:
         commands[:, _ARM_JOINTS] += correlated_noise((len(actions), len(_ARM_JOINTS)), scale, rng)
     return commands
-
-
-def _checked(task: str, object_pose: np.ndarray, size: int) -> np.ndarray:
-    pose = np.asarray(object_pose, dtype=np.float64)
-    if pose.shape != (size,) or not np.isfinite(pose).all():
-        raise ConfigurationError(
-            f"the object pose of {task} is {size} finite numbers, x y z qw qx qy qz per object; "
-            f"got shape {pose.shape}: {pose.tolist()}"
-        )
-    return pose

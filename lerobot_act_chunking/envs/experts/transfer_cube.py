@@ -40,8 +40,8 @@ def _giving_arm(x: float, y: float, roll: float) -> ArmScript:
         tool=(
             Stroke(-0.25, 1.3, (x, y, 0.13, _DOWN, roll), free=True),
             Stroke(0.8, 1.85, (x, y, _CUBE_HEIGHT, _DOWN, roll)),
-            Stroke(1.75, 2.85, (x, y, 0.14, _DOWN, roll)),
-            Stroke(1.95, 3.45, horizontal(_DRIFT_FROM + 0.08), free=True),
+            Stroke(1.75, 2.85, (x, y, 0.14, _DOWN, roll), free=True),
+            Stroke(1.95, 3.45, horizontal(_DRIFT_FROM + 0.08)),
             Stroke(2.95, 3.75, horizontal(_DRIFT_FROM)),
             Stroke(*_DRIFT_TIME, horizontal(_DRIFT_TO)),
             Stroke(4.1, 5.6, horizontal(_DRIFT_TO + 0.14)),

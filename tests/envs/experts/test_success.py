@@ -1,0 +1,86 @@
+"""Experts in simulation: they succeed, and keep succeeding when somewhat wrong."""
+
+import numpy as np
+import pytest
+
+from lerobot_act_chunking.envs.aloha.success import make_success_rule
+from lerobot_act_chunking.envs.aloha.world import TASKS, AlohaWorld, sample_object_pose
+from lerobot_act_chunking.envs.experts import ExpertOptions, plan
+from lerobot_act_chunking.envs.experts.motion import correlated_noise
+from lerobot_act_chunking.errors import ConfigurationError
+
+GRIPPERS = [6, 13]
+
+
+def exactly(plan_, rng):
+    return plan_.commands
+
+
+def shaken(plan_, rng):
+    commands = plan_.commands.copy()
+    noise = correlated_noise(commands.shape, 0.003, rng)
+    noise[:, GRIPPERS] = 0
+    return commands + noise
+
+
+def late_grippers(plan_, rng):
+    commands = plan_.commands.copy()
+    commands[6:, GRIPPERS] = plan_.commands[:-6, GRIPPERS]
+    return commands
+
+
+def successes(task, seeds, execute=exactly, offset=0.0, **options):
+    """Of ``seeds`` episodes, how many hold; ``offset`` [m] misplaces each object in the expert's eyes."""
+    world, rule, count = AlohaWorld(task), make_success_rule("hold", task), 0
+    for seed in range(seeds):
+        rng = np.random.default_rng(50_000 + seed)
+        pose = sample_object_pose(task, rng)
+        believed = pose.copy()
+        for position in believed.reshape(-1, 7)[:, :2]:
+            angle = rng.uniform(0, 2 * np.pi)
+            position += offset * np.array([np.cos(angle), np.sin(angle)])
+        world.reset(pose)
+        rule.reset()
+        for command in execute(plan(task, believed, ExpertOptions(**options), rng), rng):
+            world.step(command)
+            rule.update(world.contacts())
+        count += rule.succeeded
+    return count
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_the_expert_holds_at_the_end_of_its_plan(task):
+    assert successes(task, seeds=8) == 8
+
+
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize(
+    "disturbance",
+    [{"offset": 0.01}, {"execute": late_grippers}, {"execute": shaken}],
+    ids=["1 cm off", "grippers 0.12 s late", "arms off by 3 mrad"],
+)
+def test_a_somewhat_wrong_expert_still_succeeds(task, disturbance):
+    assert successes(task, seeds=4, **disturbance) == 4
+
+
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize(
+    "options",
+    [{"speed": 0.7}, {"speed": 1.5}, {"dwell": 0.5}, {"waypoint_noise": 0.01}, {"action_noise": 0.003}],
+    ids=lambda options: "-".join(options),
+)
+def test_every_option_still_succeeds(task, options):
+    assert successes(task, seeds=2, **options) == 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("task", TASKS)
+def test_a_hundred_unseen_seeds(task):
+    assert successes(task, seeds=100) >= 99
+
+
+def test_unknown_tasks_are_refused():
+    with pytest.raises(
+        ConfigurationError, match="unknown task 'pour'; choose one of: transfer_cube, insertion"
+    ):
+        plan("pour", np.zeros(7), ExpertOptions(), np.random.default_rng(0))
