@@ -3,7 +3,5 @@
 from jaxtyping import install_import_hook
 
 # Before anything imports them: annotations become checks only in modules that are imported afterwards.
-install_import_hook(
-    [f"lerobot_act_chunking.{package}" for package in ("nn", "heads", "execution", "data")],
-    "beartype.beartype",
-)
+CHECKED = ("nn", "heads", "execution", "data", "policies.act_chunked.network")
+install_import_hook([f"lerobot_act_chunking.{module}" for module in CHECKED], "beartype.beartype")

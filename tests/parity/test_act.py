@@ -13,7 +13,7 @@ from torch import Tensor
 from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
 from lerobot_act_chunking.policies.act_chunked.modeling_act_chunked import ActChunkedPolicy
 
-from .act_weights import convert
+from act_weights import convert
 
 B, T, A, S, E = 3, 5, 4, 6, 7
 STATE = {"observation.state": PolicyFeature(FeatureType.STATE, (S,))}

@@ -1,7 +1,7 @@
 """Settings of `act_chunked`."""
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from lerobot.configs import FeatureType, NormalizationMode, PreTrainedConfig
 from lerobot.optim import AdamWConfig, LRSchedulerConfig
@@ -13,7 +13,7 @@ from lerobot.utils.constants import ACTION, OBS_STATE
 
 from lerobot_act_chunking.data.batch import FeatureSpec
 from lerobot_act_chunking.data.timing import ChunkTiming
-from lerobot_act_chunking.errors import ConfigurationError, FeatureError
+from lerobot_act_chunking.errors import ConfigurationError, FeatureError, unknown_choice
 from lerobot_act_chunking.policies.act_chunked.presets import preset_values
 
 PRESET: Any = None  # default of every field that the preset decides
@@ -121,8 +121,14 @@ class ActChunkedConfig(PreTrainedConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        self._check_choices()
         self._resolve_preset()
         self._check()
+
+    def _check_choices(self) -> None:
+        for name, hint in get_type_hints(type(self)).items():
+            if get_origin(hint) is Literal and getattr(self, name) not in (*get_args(hint), PRESET):
+                raise unknown_choice(name, getattr(self, name), get_args(hint))
 
     def _resolve_preset(self) -> None:
         pretrained = self.pretrained_backbone_weights is not None

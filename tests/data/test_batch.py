@@ -1,0 +1,60 @@
+import pytest
+import torch
+
+from lerobot_act_chunking.data.batch import ActionTarget, FeatureSpec, Observation, first_non_finite
+from lerobot_act_chunking.errors import FeatureError
+
+B, T, A, S = 3, 5, 4, 6
+SPEC = FeatureSpec(
+    vectors={"observation.state": (S,)}, images={"observation.images.top": (3, 8, 9)}, action=(A,)
+)
+
+
+@pytest.fixture
+def batch():
+    return {
+        "observation.state": torch.randn(B, S),
+        "observation.images.top": torch.rand(B, 3, 8, 9),
+        "action": torch.randn(B, T, A),
+        "action_is_pad": torch.zeros(B, T, dtype=torch.bool),
+        "task": ["lift"] * B,
+    }
+
+
+def test_picks_what_the_policy_reads(batch):
+    observation = Observation.from_lerobot(batch, SPEC)
+    assert observation.vectors == {"observation.state": batch["observation.state"]}
+    assert observation.images == {"observation.images.top": batch["observation.images.top"]}
+    assert observation.batch_size == B
+    target = ActionTarget.from_lerobot(batch, SPEC, chunk_size=T)
+    assert target.actions is batch["action"]
+    assert target.is_pad is batch["action_is_pad"]
+
+
+def test_batch_size_without_vectors(batch):
+    spec = FeatureSpec(vectors={}, images=SPEC.images, action=SPEC.action)
+    assert Observation.from_lerobot(batch, spec).batch_size == B
+
+
+@pytest.mark.parametrize("key", ["observation.state", "observation.images.top", "action", "action_is_pad"])
+def test_a_missing_key_is_named_beside_what_there_is(batch, key):
+    del batch[key]
+    present = ", ".join(sorted(batch))
+    with pytest.raises(FeatureError, match=f"needs '{key}', but the batch has only: {present}"):
+        (Observation.from_lerobot(batch, SPEC), ActionTarget.from_lerobot(batch, SPEC, chunk_size=T))
+
+
+def test_another_shape_is_named_beside_the_expected_one(batch):
+    batch["observation.state"] = torch.randn(B, 7)
+    with pytest.raises(FeatureError, match=r"'observation.state' has shape \(7,\) .* built for \(6,\)"):
+        Observation.from_lerobot(batch, SPEC)
+    with pytest.raises(FeatureError, match=r"'action' has shape \(5, 4\) .* built for \(9, 4\)"):
+        ActionTarget.from_lerobot(batch, SPEC, chunk_size=9)
+
+
+def test_first_non_finite(batch):
+    assert first_non_finite(batch) is None
+    batch["action"][1, 2, 3] = torch.inf
+    assert first_non_finite(batch) == "action"
+    batch["observation.state"][0, 0] = torch.nan
+    assert first_non_finite(batch) == "observation.state"

@@ -1,0 +1,28 @@
+import torch
+
+from lerobot_act_chunking.heads.regression import RegressionHead
+
+B, Q, D, A = 3, 5, 16, 4
+
+
+def test_each_query_emits_consecutive_actions():
+    head = RegressionHead(D, A, actions_per_query=2)
+    features = torch.randn(B, Q, D)
+    actions = head(features)
+    assert actions.shape == (B, 2 * Q, A)
+    changed = features.clone()
+    changed[:, 3] += 1
+    differs = (head(changed) != actions).any((0, 2))
+    assert differs.nonzero().flatten().tolist() == [6, 7]
+
+
+def test_one_action_per_query_is_a_linear_layer():
+    head = RegressionHead(D, A, actions_per_query=1)
+    features = torch.randn(B, Q, D)
+    torch.testing.assert_close(head(features), head.projection(features))
+
+
+def test_error_is_absolute_and_per_element():
+    head = RegressionHead(D, A, actions_per_query=1)
+    predicted, target = torch.full((B, Q, A), 1.0), torch.full((B, Q, A), 3.5)
+    assert torch.equal(head.error(predicted, target), torch.full((B, Q, A), 2.5))
