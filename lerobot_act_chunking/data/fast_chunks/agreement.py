@@ -6,7 +6,8 @@ import numpy as np
 from lerobot.datasets.dataset_reader import DatasetReader
 from torch import Tensor
 
-from lerobot_act_chunking.data.fast_chunks.reader import ChunkReader, Item
+from lerobot_act_chunking.data.fast_chunks.batch import Item
+from lerobot_act_chunking.data.fast_chunks.reader import ChunkReader
 
 
 def differing_key(chunks: ChunkReader, reader: DatasetReader) -> str | None:
@@ -28,7 +29,7 @@ def differing_key(chunks: ChunkReader, reader: DatasetReader) -> str | None:
 def _items(chunks: ChunkReader, reader: DatasetReader, row: int) -> tuple[Item, Item]:
     rows = np.asarray([row])
     if chunks.whole:
-        return chunks.items(reader, rows)[0], reader.get_item(row)
+        return dict(chunks.items(reader, rows)[0]), reader.get_item(row)
     table: Any = reader.hf_dataset
     theirs = {key: value for key, value in table[row].items() if key in chunks.columns}
     return {key: column.gather(rows)[0] for key, column in chunks.columns.items()}, theirs

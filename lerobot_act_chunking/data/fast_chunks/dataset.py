@@ -1,7 +1,7 @@
 """A ``LeRobotDataset`` that reads fast."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, SupportsIndex, cast
 
 import numpy as np
@@ -9,7 +9,8 @@ from jaxtyping import Int64
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 from lerobot_act_chunking.data.fast_chunks.agreement import differing_key
-from lerobot_act_chunking.data.fast_chunks.reader import ChunkReader, Item
+from lerobot_act_chunking.data.fast_chunks.batch import GatheredBatch, Item
+from lerobot_act_chunking.data.fast_chunks.reader import ChunkReader
 
 logger = logging.getLogger(__name__)
 
@@ -44,14 +45,15 @@ class FastChunkDataset(LeRobotDataset):
 
     def __getitem__(self, idx: SupportsIndex | slice) -> Item | list[Item]:
         """One frame, or the frames of a slice, as in ``LeRobotDataset``."""
-        return super().__getitem__(idx) if isinstance(idx, slice) else self.__getitems__([idx])[0]
+        return super().__getitem__(idx) if isinstance(idx, slice) else dict(self.__getitems__([idx])[0])
 
-    def __getitems__(self, indices: Sequence[SupportsIndex]) -> list[Item]:
+    def __getitems__(self, indices: Sequence[SupportsIndex]) -> GatheredBatch | list[Item]:
         """The items of a whole batch, gathered at once: ``torch.utils.data.DataLoader`` asks for these."""
         chunks = self.chunks
         rows = None if chunks is None else _rows(indices, len(chunks))
         if chunks is None or rows is None:
-            return [cast("Item", super(FastChunkDataset, self).__getitem__(idx)) for idx in indices]
+            one = cast("Callable[[SupportsIndex], Item]", super().__getitem__)
+            return [one(idx) for idx in indices]
         return chunks.items(self.reader, rows)
 
     def __getstate__(self) -> dict[str, Any]:

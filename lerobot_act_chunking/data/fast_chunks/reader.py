@@ -1,7 +1,6 @@
 """LeRobot's items, gathered from columnar memory."""
 
 import copy
-from collections.abc import Sequence
 from typing import Any
 
 import datasets
@@ -11,10 +10,9 @@ from jaxtyping import Int64
 from lerobot.datasets.dataset_reader import DatasetReader
 from torch import Tensor
 
+from lerobot_act_chunking.data.fast_chunks.batch import GatheredBatch, Item
 from lerobot_act_chunking.data.fast_chunks.columns import Column, numeric_columns
 from lerobot_act_chunking.data.fast_chunks.windows import EpisodeWindows
-
-Item = dict[str, Any]
 
 
 class ChunkReader:
@@ -54,17 +52,13 @@ class ChunkReader:
         """Whether nothing that the arrays were built from has been replaced since."""
         return all(now is then for now, then in zip(_parts(reader), self._parts, strict=True))
 
-    def items(self, reader: DatasetReader, rows: Int64[np.ndarray, " B"]) -> list[Item]:
-        """What ``reader.get_item`` returns for each of these rows of its table.
+    def items(self, reader: DatasetReader, rows: Int64[np.ndarray, " B"]) -> GatheredBatch | list[Item]:
+        """What ``reader.get_item`` returns for each of these rows of its table."""
+        gathered = GatheredBatch(self._gather(rows))
+        return gathered if self.whole else [self._finish(reader, item) for item in gathered]
 
-        The tensors of one key are views of one gathered array; no two items share numbers.
-        """
-        columns = self._gather(rows)
-        items = [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
-        return items if self.whole else [self._finish(reader, item) for item in items]
-
-    def _gather(self, rows: Int64[np.ndarray, " B"]) -> dict[str, Sequence[Any]]:
-        """All values of the items, key by key in LeRobot's order, each a sequence of length B."""
+    def _gather(self, rows: Int64[np.ndarray, " B"]) -> dict[str, Tensor | list[Any]]:
+        """All values of the items, key by key in LeRobot's order, each of length B."""
         index, episode, task = (
             self.columns[key].gather(rows).numpy() for key in ("index", "episode_index", "task_index")
         )
@@ -72,24 +66,24 @@ class ChunkReader:
             steps: self._windows.rows(index, episode, offsets) for steps, offsets in self._offsets.items()
         }
         slow = [self._slow_rows[row] for row in rows.tolist()] if self._slow_rows.column_names else []
-        gathered: dict[str, Sequence[Any]] = {}
+        gathered: dict[str, Tensor | list[Any]] = {}
         for key in self._keys:
             if key in self.columns:
                 wanted = windows[self._steps[key]][0] if key in self._steps else rows
-                gathered[key] = self.columns[key].gather(wanted).unbind()
+                gathered[key] = self.columns[key].gather(wanted)
             elif key in self._slow_chunks:
                 gathered[key] = [None] * len(rows)  # keeps the place of what LeRobot fills in afterwards
             else:
                 gathered[key] = [row[key] for row in slow]
         for key, steps in self._steps.items():
-            gathered[f"{key}_is_pad"] = torch.from_numpy(windows[steps][1].copy()).unbind()
+            gathered[f"{key}_is_pad"] = torch.from_numpy(windows[steps][1].copy())
         gathered["task"] = [self._tasks[number] for number in task.tolist()]
         return gathered
 
     def _finish(self, reader: DatasetReader, item: Item) -> Item:
         """Adds what only LeRobot's code provides: cameras, and chunks of columns that hold no numbers."""
         rest: Any = copy.copy(reader)
-        rest.hf_dataset = GatheredRow(item, self.columns["timestamp"], self._slow_chunks)
+        rest.hf_dataset = GatheredRow(dict(item), self.columns["timestamp"], self._slow_chunks)
         rest.delta_indices = {
             key: list(steps) for key, steps in self._steps.items() if key not in self.columns
         } or None

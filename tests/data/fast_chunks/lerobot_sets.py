@@ -65,6 +65,11 @@ def seconds(offsets: Iterable[int]) -> list[float]:
     return [offset / FPS for offset in offsets]
 
 
+def batch(dataset: Any, indices: Iterable[int]) -> list[dict[str, Any]]:
+    """Items as a DataLoader gets them, as plain dictionaries."""
+    return [dict(item) for item in dataset.__getitems__(list(indices))]
+
+
 def assert_same(ours: Any, theirs: Any) -> None:
     """Equal types, keys in equal order, dtypes, shapes, layout and values, at any depth."""
     assert type(ours) is type(theirs)

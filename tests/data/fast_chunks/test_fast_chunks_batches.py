@@ -11,6 +11,7 @@ from lerobot.utils.collate import lerobot_collate_fn
 from lerobot_sets import assert_same, seconds
 from torch.utils.data import DataLoader, Subset
 
+from lerobot_act_chunking.data.fast_chunks.batch import GatheredBatch
 from lerobot_act_chunking.data.fast_chunks.dataset import FastChunkDataset
 
 CHUNK = {"action": seconds(range(6)), "observation.state": seconds((-1, 0))}
@@ -46,6 +47,17 @@ def test_batches(states, open_both, counted, episodes):
     fast, stock = open_both(states, delta_timestamps=CHUNK, episodes=episodes)
     assert_same(list(loader(fast)), list(loader(stock)))
     assert set(counted[:-1]) == {5}
+
+
+def test_batches_are_not_taken_apart(states, open_both, monkeypatch):
+    fast, _ = open_both(states, delta_timestamps=CHUNK)
+    handed_out = []
+    original = GatheredBatch.__getitem__
+    monkeypatch.setattr(
+        GatheredBatch, "__getitem__", lambda self, i: (handed_out.append(i), original(self, i))[1]
+    )
+    batches = list(loader(fast))
+    assert handed_out == [0] * len(batches)
 
 
 def test_batches_with_texts_and_lerobots_collation(numbers, open_both):

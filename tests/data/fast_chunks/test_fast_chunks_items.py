@@ -12,7 +12,7 @@ import pytest
 import torch
 from lerobot.datasets.language import LANGUAGE_EVENTS, language_events_column_feature
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
-from lerobot_sets import REPO_ID, assert_same, seconds
+from lerobot_sets import REPO_ID, assert_same, batch, seconds
 from torchvision.transforms import v2
 
 from lerobot_act_chunking.data.fast_chunks import columns
@@ -29,7 +29,7 @@ def assert_equal_items(fast: FastChunkDataset, stock: LeRobotDataset) -> None:
     torch.manual_seed(0)
     assert_same([fast[index] for index in indices], theirs)
     torch.manual_seed(0)
-    assert_same(fast.__getitems__(list(indices)), theirs)
+    assert_same(batch(fast, indices), theirs)
 
 
 OFFSETS = {
@@ -128,8 +128,8 @@ def test_every_way_to_index(states, open_both):
     assert_same(fast[np.int64(4)], stock[4])
     assert_same(fast[torch.tensor(4)], stock[4])
     assert_same(fast[3:9:2], stock[3:9:2])
-    assert_same(fast.__getitems__([5, -1, 5]), [stock[5], stock[-1], stock[5]])
-    assert_same(fast.__getitems__([]), [])
+    assert_same(batch(fast, [5, -1, 5]), [stock[5], stock[-1], stock[5]])
+    assert_same(batch(fast, []), [])
     assert_same(list(fast), list(stock))
 
 
@@ -151,7 +151,7 @@ def test_a_chunk_of_texts_is_refused_by_lerobot(numbers, open_both):
 
 def test_writing_into_an_item_changes_neither_the_dataset_nor_its_neighbours(states, open_both):
     fast, stock = open_both(states, delta_timestamps={"action": seconds(range(3))})
-    first, second = fast.__getitems__([0, 1])
+    first, second = batch(fast, [0, 1])
     for value in first.values():
         if isinstance(value, torch.Tensor):
             value.zero_()
@@ -172,7 +172,7 @@ def test_a_replaced_table_is_read_anew(states, open_both):
     for dataset in (fast, stock):
         dataset.reader.hf_dataset = dataset.hf_dataset.select([9, 3, 8])
     assert fast[0]["index"] == 9
-    assert_same(fast.__getitems__([0, 1, 2]), [stock[row] for row in range(3)])
+    assert_same(batch(fast, [0, 1, 2]), [stock[row] for row in range(3)])
 
 
 def test_replaced_offsets_are_used(states, open_both):

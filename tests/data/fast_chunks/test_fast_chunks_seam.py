@@ -9,7 +9,7 @@ from lerobot.datasets import factory
 from lerobot.datasets.dataset_reader import DatasetReader
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.policies.act.configuration_act import ACTConfig
-from lerobot_sets import REPO_ID, assert_same
+from lerobot_sets import REPO_ID, assert_same, batch
 
 from lerobot_act_chunking.data import fast_chunks
 from lerobot_act_chunking.data.fast_chunks.dataset import FastChunkDataset
@@ -74,7 +74,7 @@ def test_train_and_held_out_episodes_are_both_fast(states):
     for fast, stock in zip(ours, theirs, strict=True):
         assert isinstance(fast, FastChunkDataset)
         assert fast.episodes == stock.episodes
-        assert_same(fast.__getitems__(range(len(fast))), [stock[row] for row in range(len(stock))])
+        assert_same(batch(fast, range(len(fast))), [stock[row] for row in range(len(stock))])
 
 
 def assert_left_alone(caplog, reason: str) -> None:
