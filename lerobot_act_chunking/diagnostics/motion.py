@@ -136,10 +136,12 @@ def plot_motion(motion: Motion, path: Path) -> Path:
     half = len(motion.joint_names) // 2
     _draw_joints(axes[0], motion, range(half - 1), "left arm [rad]")
     _draw_joints(axes[1], motion, range(half, 2 * half - 1), "right arm [rad]")
-    _draw_joints(axes[2], motion, [half - 1, 2 * half - 1], "grippers [0 closed, 1 open]")
+    _draw_joints(axes[2], motion, [half - 1, 2 * half - 1], "grippers\n(1 is open)")
     time = np.arange(len(motion.rewards)) * motion.dt
     axes[3].step(time, motion.rewards, where="post", color="tab:green")
     axes[3].set(ylabel="reward", xlabel="time [s]", xlim=(0, time[-1] + motion.dt))
+    axes[3].margins(y=0.15)
+    plots.align_ylabels(axes)
     for ax in axes:
         _draw_replans(ax, motion)
     path.parent.mkdir(parents=True, exist_ok=True)
