@@ -109,7 +109,7 @@ def environment_for(config: Any, *, task: str, success: str) -> Any:
     images = config.image_features
     if not images:
         return AlohaSimEnvConfig(
-            **quick, obs_type="state", agent_vel="observation.velocity" in config.input_features
+            **quick, obs_type="state", agent_vel="observation.agent_vel" in config.input_features
         )
     sizes = {tuple(feature.shape[-2:]) for feature in images.values()}
     if len(sizes) > 1:

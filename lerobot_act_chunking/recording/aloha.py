@@ -23,7 +23,7 @@ _POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 # The environment's observations, named and ordered as LeRobot's preprocessing names them in evaluation.
 _FEATURES = {
     "agent_pos": "observation.state",
-    "agent_vel": "observation.velocity",
+    "agent_vel": "observation.agent_vel",
     "environment_state": "observation.environment_state",
 }
 _DISTRIBUTIONS = ("lerobot_policy_act_chunking", "lerobot", "mujoco", "gym-aloha", "numpy")

@@ -31,7 +31,7 @@ def test_the_environment_gives_what_the_policy_was_trained_on():
         False,
     )
 
-    moving = environment_for(Features({}, ("observation.velocity",)), task="transfer_cube", success="touch")
+    moving = environment_for(Features({}, ("observation.agent_vel",)), task="transfer_cube", success="touch")
     assert moving.agent_vel
 
     images = {"observation.images.top": (3, 60, 80), "observation.images.angle": (3, 60, 80)}
