@@ -73,9 +73,9 @@ def _open_context(model: Any) -> tuple[Any, Any]:
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
     except Exception as error:  # each platform fails in its own way: ImportError, AttributeError, ...
         raise ActChunkingError(
-            f"cannot render: OpenGL is not available ({error}). Without a display, install EGL (Debian, "
-            "Ubuntu: apt install libegl1 libgl1-mesa-dri) and set MUJOCO_GL=egl; or use obs_type=state, "
-            "which needs no images"
+            f"cannot render: OpenGL is not available ({error}). Without a display, install EGL (Debian and "
+            "Ubuntu: apt install libegl1 libopengl0 libgl1-mesa-dri) and set MUJOCO_GL=egl; or use "
+            "obs_type=state, which needs no images"
         ) from error
     return gl, context
 

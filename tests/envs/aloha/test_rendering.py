@@ -131,7 +131,9 @@ def test_missing_opengl_names_the_fix(monkeypatch, world):
         raise ImportError("libEGL.so.1: cannot open shared object file")
 
     monkeypatch.setattr(rendering, "_platform", absent)
-    with pytest.raises(ActChunkingError, match=r"libEGL.*apt install libegl1 libgl1-mesa-dri.*MUJOCO_GL=egl"):
+    with pytest.raises(
+        ActChunkingError, match=r"libEGL.*apt install libegl1 libopengl0 libgl1-mesa-dri.*MUJOCO_GL=egl"
+    ):
         image(world, "top", 48, 64, effects=False)
 
 
