@@ -39,7 +39,8 @@ def with_checks[Dataset](
         try:
             dataset = make_dataset(cfg)
         except HUB_ERRORS as error:
-            raise _absent(cfg.dataset.repo_id, cfg.dataset.root, error) from error
+            # "from None": the hub client's chain of tracebacks would bury the message, which quotes it.
+            raise _absent(cfg.dataset.repo_id, cfg.dataset.root, error) from None
         if isinstance(dataset, FastChunkDataset) and dataset.chunks is not None:
             learned = {*dataset_to_policy_features(dataset.features), *(dataset.delta_timestamps or {})}
             require_finite(dataset.chunks.columns, learned, dataset.repo_id)

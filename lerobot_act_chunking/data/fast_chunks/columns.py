@@ -53,12 +53,10 @@ class Column:
 
 def numeric_columns(table: datasets.Dataset) -> dict[str, Column]:
     """The columns of ``table`` that hold numbers of one shape without gaps; all others are left out."""
-    arrow = cast("pa.Table", table.with_format("arrow")[:])
-    numeric = {
-        key: pieces
-        for key, feature in table.features.items()
-        if (pieces := _pieces(arrow.column(key), _frame_shape(feature)))
-    }
+    shapes = {key: _frame_shape(feature) for key, feature in table.features.items()}
+    fixed = {key: shape for key, shape in shapes.items() if shape is not None}
+    arrow = cast("pa.Table", table.select_columns(list(fixed)).with_format("arrow")[:])
+    numeric = {key: pieces for key, shape in fixed.items() if (pieces := _pieces(arrow.column(key), shape))}
     join = sum(piece.nbytes for pieces in numeric.values() for piece in pieces) <= JOIN_LIMIT_BYTES
     return {key: _column(pieces, join=join) for key, pieces in numeric.items()}
 
@@ -85,10 +83,8 @@ def _frame_shape(feature: object) -> tuple[int, ...] | None:
     return tuple(shape) if shape and all(shape) else None
 
 
-def _pieces(column: pa.ChunkedArray, shape: tuple[int, ...] | None) -> list[np.ndarray]:
+def _pieces(column: pa.ChunkedArray, shape: tuple[int, ...]) -> list[np.ndarray]:
     """Arrays (rows, *shape), copies only where Arrow packs bits; no arrays if some value is no number."""
-    if shape is None:
-        return []
     chunks = [chunk for chunk in column.chunks if len(chunk)]
     numbers = [array for chunk in chunks if (array := _numbers(chunk)) is not None]
     if len(numbers) < len(chunks):
