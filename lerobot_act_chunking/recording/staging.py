@@ -48,7 +48,7 @@ class EpisodeStore:
 
     def load(self, seed: int) -> Episode:
         """The attempt of ``seed`` as it was saved."""
-        with np.load(self._path(seed)) as file:
+        with self._path(seed).open("rb") as handle, np.load(handle) as file:
             header = json.loads(str(file["header"]))
             arrays = {name[6:]: file[name] for name in file.files if name.startswith("array/")}
             videos = {

@@ -1,0 +1,69 @@
+from pathlib import Path
+
+import pytest
+
+from lerobot_act_chunking.envs.experts import ExpertOptions
+from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.recording import RecordSpec
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"task": "juggle"}, "unknown task 'juggle'; choose one of: transfer_cube, insertion"),
+        ({"obs": "smell"}, "unknown obs_type 'smell'; choose one of: state, pixels, pixels_state"),
+        (
+            {"obs": "pixels", "cameras": ("top", "back")},
+            "unknown camera 'back'; choose one of: top, angle, front_close",
+        ),
+        ({"obs": "pixels", "cameras": ("top", "top")}, "names one twice"),
+        ({"cameras": ("top", "angle")}, "obs state records no cameras, got top, angle; use pixels or"),
+        ({"obs": "pixels", "image_height": 0}, "observation_height is a whole number of pixels, 1 to 4096"),
+        ({"obs": "pixels", "image_width": 99999}, "observation_width is a whole number of pixels"),
+        ({"obs": "pixels", "image_width": 31}, "image_width is 31; H.264 videos need even sizes"),
+        ({"obs": "pixels", "velocity": True}, "agent_vel needs obs_type state or pixels_state"),
+        ({"render_quality": "ultra"}, "unknown render_quality 'ultra'; choose one of: full, fast"),
+        ({"success": "luck"}, "unknown success rule 'luck'; choose one of: touch, hold"),
+        ({"episodes": 0}, "episodes is 0; it must be 1 or more"),
+        ({"workers": 0}, "workers is 0; it must be 1 or more"),
+        ({"seed": -1}, "seed is -1; it must be 0 or more"),
+        *(
+            ({"repo_id": bad}, f"repo id {bad!r} is not of the form user/name")
+            for bad in ("cube", "a/b/c", "me/", "/cube", "me/cu be", "../cube", "me/cubé", "")
+        ),
+    ],
+)
+def test_what_cannot_work_is_refused_at_once(options, message):
+    with pytest.raises(ConfigurationError) as caught:
+        RecordSpec(**{"repo_id": "me/cube", **options})
+    assert message in str(caught.value)
+
+
+def test_pixels_default_to_the_top_camera():
+    assert RecordSpec("me/cube", obs="pixels").environment().cameras == ["top"]
+
+
+def test_the_environment_shows_what_is_recorded():
+    spec = RecordSpec(
+        "me/cube",
+        Path("there"),
+        task="insertion",
+        obs="pixels_state",
+        velocity=True,
+        cameras=("angle", "left_wrist"),
+        image_height=48,
+        image_width=64,
+        render_quality="fast",
+        success="touch",
+        expert=ExpertOptions(speed=1.1),
+    )
+    environment = spec.environment()
+    assert (environment.task, environment.obs_type, environment.success) == (
+        "insertion",
+        "pixels_state",
+        "touch",
+    )
+    assert environment.cameras == ["angle", "left_wrist"]
+    assert (environment.observation_height, environment.observation_width) == (48, 64)
+    assert environment.agent_vel
+    assert environment.render_quality == "fast"
