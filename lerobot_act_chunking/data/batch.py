@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from jaxtyping import Bool, Float
@@ -35,7 +36,7 @@ class Observation:
         return len(next(iter((self.vectors or self.images).values())))
 
     @classmethod
-    def from_lerobot(cls, batch: Mapping[str, Tensor], spec: FeatureSpec) -> "Observation":
+    def from_lerobot(cls, batch: Mapping[str, Any], spec: FeatureSpec) -> "Observation":
         """Pick the observations of ``spec``.
 
         Raises:
@@ -55,7 +56,7 @@ class ActionTarget:
     is_pad: Bool[Tensor, "B T"]
 
     @classmethod
-    def from_lerobot(cls, batch: Mapping[str, Tensor], spec: FeatureSpec, chunk_size: int) -> "ActionTarget":
+    def from_lerobot(cls, batch: Mapping[str, Any], spec: FeatureSpec, chunk_size: int) -> "ActionTarget":
         """Pick the action chunk and its padding.
 
         Raises:
@@ -67,7 +68,7 @@ class ActionTarget:
         )
 
 
-def first_non_finite(batch: Mapping[str, object]) -> str | None:
+def first_non_finite(batch: Mapping[str, Any]) -> str | None:
     """The first key of ``batch`` whose tensor holds a NaN or an infinity."""
     for key, value in batch.items():
         if isinstance(value, Tensor) and not torch.isfinite(value).all():
@@ -75,10 +76,11 @@ def first_non_finite(batch: Mapping[str, object]) -> str | None:
     return None
 
 
-def _take(batch: Mapping[str, Tensor], key: str, shape: tuple[int, ...]) -> Tensor:
-    if key not in batch:
-        raise FeatureError(f"the policy needs {key!r}, but the batch has only: {', '.join(sorted(batch))}")
-    value = batch[key]
+def _take(batch: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> Tensor:
+    value = batch.get(key)
+    if value is None:
+        present = ", ".join(sorted(k for k, v in batch.items() if v is not None))
+        raise FeatureError(f"the policy needs {key!r}, but the batch has only: {present}")
     if value.shape[1:] != torch.Size(shape):
         raise FeatureError(
             f"{key!r} has shape {tuple(value.shape[1:])} per sample, but the policy was built for {shape}"

@@ -29,8 +29,8 @@ def make_backbone(name: Backbone, norm: BackboneNorm, weights: str | None) -> tu
         weights: name of torchvision weights, such as ``ResNet18_Weights.IMAGENET1K_V1``, or None.
 
     Raises:
-        ConfigurationError: for weights that are unknown, belong to another backbone, or are not in torch hub's
-            cache (nothing is ever downloaded).
+        ConfigurationError: for weights that are unknown, belong to another backbone, or are not in the
+            cache of torch hub (nothing is ever downloaded).
     """
     if name == "small_cnn":
         return SmallCnn(), SmallCnn.CHANNELS[-1]

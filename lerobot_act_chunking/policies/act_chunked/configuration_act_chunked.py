@@ -37,8 +37,8 @@ class ActChunkedConfig(PreTrainedConfig):
             whole chunk, or 1 with temporal ensembling, as in ACT.
         actions_per_query: consecutive actions that each decoder query emits; divides ``chunk_size``. 1 is
             ACT; more makes long chunks cheap.
-        normalization_mapping: how each type of feature is normalised. LeRobot's ACT leaves the environment
-            state as it is.
+        normalization_mapping: how each type of feature is normalised; types not named keep the preset's
+            normalisation. LeRobot's ACT leaves the environment state as it is.
         norm_std_floor: least spread that normalisation divides by, in raw units (0 = none).
         vision_backbone: a torchvision ResNet, or ``small_cnn`` for small images on a CPU.
         pretrained_backbone_weights: torchvision weights such as ``ResNet18_Weights.IMAGENET1K_V1``. They
@@ -135,6 +135,7 @@ class ActChunkedConfig(PreTrainedConfig):
         values = preset_values(self.preset, dim_model=self.dim_model, pretrained=pretrained)
         ensembles = self.temporal_ensemble_coeff is not None
         values["n_action_steps"] = 1 if ensembles else self.chunk_size
+        self.normalization_mapping = values["normalization_mapping"] | (self.normalization_mapping or {})
         for name, value in values.items():
             if getattr(self, name) is PRESET:
                 setattr(self, name, value)

@@ -1,0 +1,174 @@
+import json
+import re
+
+import pytest
+from lerobot.configs import FeatureType, NormalizationMode, PolicyFeature, PreTrainedConfig
+from lerobot.optim.schedulers import CosineAnnealingWithWarmupSchedulerConfig
+from lerobot.policies.act.configuration_act import ACTConfig
+
+from lerobot_act_chunking.errors import ConfigurationError, FeatureError
+from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
+
+ACTION = {"action": PolicyFeature(FeatureType.ACTION, (4,))}
+STATE = {"observation.state": PolicyFeature(FeatureType.STATE, (6,))}
+
+
+def make(**settings):
+    return ActChunkedConfig(device="cpu", **settings)
+
+
+def test_the_paper_preset_is_lerobots_act():
+    ours, theirs = make(preset="paper"), ACTConfig(device="cpu")
+    shared = {name for name in vars(theirs) if hasattr(ours, name)} - {"pretrained_backbone_weights"}
+    assert {name: getattr(ours, name) for name in shared} == {name: getattr(theirs, name) for name in shared}
+    assert ours.get_optimizer_preset() == theirs.get_optimizer_preset()
+    assert ours.get_scheduler_preset() is theirs.get_scheduler_preset() is None
+    assert (ours.norm_std_floor, ours.backbone_norm, ours.actions_per_query) == (0, "frozen_batch", 1)
+
+
+def test_every_setting_of_lerobots_act_is_known_but_one():
+    assert set(vars(ACTConfig(device="cpu"))) - set(vars(make())) == {"replace_final_stride_with_dilation"}
+
+
+def test_the_base_preset():
+    config = make()
+    assert (config.pre_norm, config.feedforward_activation, config.use_vae) == (True, "gelu", False)
+    assert config.get_optimizer_preset().betas == (0.9, 0.95)
+    assert config.get_scheduler_preset() == CosineAnnealingWithWarmupSchedulerConfig(500)
+    assert config.normalization_mapping["ENV"] is NormalizationMode.MEAN_STD
+
+
+def test_the_feed_forward_width_follows_the_token_width():
+    assert make(dim_model=128).dim_feedforward == 512
+    assert make(dim_model=128, dim_feedforward=96).dim_feedforward == 96
+
+
+def test_explicit_values_win_over_the_preset():
+    config = make(preset="paper", pre_norm=True, use_vae=False, norm_std_floor=0.5, optimizer_lr=1e-3)
+    assert (config.pre_norm, config.use_vae, config.norm_std_floor, config.optimizer_lr) == (
+        True,
+        False,
+        0.5,
+        1e-3,
+    )
+    assert config.dim_feedforward == 3200
+
+
+def test_feature_types_not_named_keep_their_normalisation():
+    mapping = make(normalization_mapping={"STATE": NormalizationMode.IDENTITY}).normalization_mapping
+    assert mapping == make().normalization_mapping | {"STATE": NormalizationMode.IDENTITY}
+
+
+def test_executed_steps_follow_the_chunk():
+    assert make(chunk_size=40).n_action_steps == 40
+    assert make(chunk_size=40, temporal_ensemble_coeff=0.01).n_action_steps == 1
+
+
+def test_pretrained_weights_choose_frozen_batch_norm():
+    weights = "ResNet18_Weights.IMAGENET1K_V1"
+    assert make().backbone_norm == "group"
+    assert make(pretrained_backbone_weights=weights).backbone_norm == "frozen_batch"
+
+
+def test_a_saved_config_holds_plain_values(tmp_path):
+    make(preset="paper").save_pretrained(tmp_path)
+    stored = json.loads((tmp_path / "config.json").read_text())
+    assert stored["type"] == "act_chunked"
+    assert stored["dim_feedforward"] == 3200
+    assert stored["n_action_steps"] == 100
+
+
+def test_the_command_line_reads_every_kind_of_setting(tmp_path):
+    make().save_pretrained(tmp_path)
+    config = PreTrainedConfig.from_pretrained(
+        tmp_path,
+        cli_overrides=[
+            "--temporal_ensemble_coeff=0.01",
+            "--n_action_steps=10",
+            "--optimizer_betas=[0.8, 0.9]",
+            "--lr_schedule=constant",
+            "--vision_backbone=small_cnn",
+            '--normalization_mapping={"STATE": "MIN_MAX"}',
+        ],
+    )
+    assert config.temporal_ensemble_coeff == 0.01
+    assert config.get_optimizer_preset().betas == (0.8, 0.9)
+    assert config.vision_backbone == "small_cnn"
+    assert config.normalization_mapping["STATE"] is NormalizationMode.MIN_MAX
+
+
+def test_a_constant_rate_may_warm_up():
+    assert make(lr_schedule="constant", lr_warmup_steps=0).get_scheduler_preset() is None
+    assert make(lr_schedule="constant", lr_warmup_steps=7).get_scheduler_preset().num_warmup_steps == 7
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"preset": "papre"}, "unknown preset 'papre'; choose one of: base, paper"),
+        ({"vision_backbone": "vgg"}, "unknown vision_backbone 'vgg'; choose one of: small_cnn, resnet18"),
+        ({"pad_normalization": "some"}, "unknown pad_normalization 'some'; choose one of: valid, all"),
+        ({"n_obs_steps": 2}, "n_obs_steps=2: act_chunked reads one observation step"),
+        ({"n_action_steps": 101}, "n_action_steps=101 exceeds chunk_size=100"),
+        ({"chunk_size": 0}, "chunk_size=0 must be at least 1"),
+        ({"actions_per_query": 7}, "chunk_size=100 must be divisible by actions_per_query=7"),
+        ({"actions_per_query": 0}, "chunk_size=100 must be divisible by actions_per_query=0"),
+        ({"dim_model": 100}, "dim_model=100 must be divisible by n_heads=8"),
+        ({"dim_model": 18, "n_heads": 2}, "dim_model=18 must be a multiple of 4"),
+        ({"n_encoder_layers": 0}, "n_encoder_layers=0 must be at least 1"),
+        ({"latent_dim": 0}, "latent_dim=0 must be at least 1"),
+        ({"dropout": 1.0}, "dropout=1.0 must be at least 0 and below 1"),
+        ({"ema_max_value": 1.5}, "ema_max_value=1.5 must be at least 0 and below 1"),
+        ({"kl_weight": -1.0}, "kl_weight=-1.0 must not be negative"),
+        ({"norm_std_floor": float("nan")}, "norm_std_floor=nan must not be negative"),
+        (
+            {"temporal_ensemble_coeff": 0.01, "n_action_steps": 100},
+            "needs overlapping chunks: n_action_steps=100 must be below chunk_size=100",
+        ),
+        (
+            {"pretrained_backbone_weights": "ResNet18_Weights.IMAGENET1K_V1", "backbone_norm": "group"},
+            "pretrained weights need backbone_norm=frozen_batch, not group",
+        ),
+    ],
+)
+def test_settings_that_cannot_work(settings, message):
+    with pytest.raises(ConfigurationError, match=re.escape(message)):
+        make(**settings)
+
+
+def test_vectors_are_read_in_a_fixed_order():
+    inputs = {
+        "observation.environment_state": PolicyFeature(FeatureType.ENV, (7,)),
+        "observation.velocity": PolicyFeature(FeatureType.STATE, (3,)),
+        "observation.effort": PolicyFeature(FeatureType.STATE, (2,)),
+        **STATE,
+    }
+    spec = make(input_features=inputs, output_features=ACTION).feature_spec
+    assert list(spec.vectors) == [
+        "observation.state",
+        "observation.effort",
+        "observation.velocity",
+        "observation.environment_state",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("inputs", "outputs", "message"),
+    [
+        ({}, ACTION, "at least one state vector or camera"),
+        (STATE, {}, "needs an output feature 'action'"),
+        (
+            {"observation.state": PolicyFeature(FeatureType.STATE, (2, 3))},
+            ACTION,
+            "must be a vector, but its shape is (2, 3)",
+        ),
+        (
+            {"observation.images.depth": PolicyFeature(FeatureType.VISUAL, (1, 8, 8))},
+            ACTION,
+            "must be an image of shape (3, height, width), but its shape is (1, 8, 8)",
+        ),
+    ],
+)
+def test_features_that_cannot_work(inputs, outputs, message):
+    with pytest.raises(FeatureError, match=re.escape(message)):
+        make(input_features=inputs, output_features=outputs).validate_features()

@@ -1,0 +1,209 @@
+"""What every policy of the package promises to LeRobot and its users."""
+
+import math
+
+import draccus
+import pytest
+import torch
+from lerobot.configs import PreTrainedConfig
+from lerobot.policies.factory import get_policy_class, make_pre_post_processors
+from policy_cases import CASES, A, B, T
+
+from lerobot_act_chunking.errors import FeatureError
+
+
+@pytest.fixture(params=CASES, ids=lambda case: f"{case.type}-{case.name}")
+def case(request):
+    return request.param
+
+
+def shake(policy):
+    """Move parameters off special initial values, such as the zero vector in which all gradients vanish."""
+    generator = torch.Generator().manual_seed(2)
+    for parameter in policy.parameters():
+        parameter.data += 0.05 * torch.randn(parameter.shape, generator=generator)
+
+
+def loss_and_gradients(policy, batch):
+    policy.zero_grad(set_to_none=True)
+    torch.manual_seed(3)
+    loss, _ = policy.train().forward(batch)
+    loss.backward()
+    return loss, {name: p.grad for name, p in policy.named_parameters() if p.requires_grad}
+
+
+def snapshot(batch):
+    return {key: value.clone() for key, value in batch.items()}
+
+
+def assert_unchanged(batch, before):
+    assert batch.keys() == before.keys()
+    for key, value in before.items():
+        assert torch.equal(batch[key], value), key
+
+
+def test_the_loss_is_finite_and_metrics_are_plain_numbers(case):
+    loss, metrics = case.policy().train().forward(case.batch())
+    assert loss.shape == ()
+    assert math.isfinite(loss.item())
+    assert all(type(value) is float for value in metrics.values())
+
+
+def test_per_sample_losses_average_to_the_loss(case):
+    policy, losses = case.policy().train(), {}
+    for reduction in ("mean", "none"):
+        torch.manual_seed(3)
+        losses[reduction], _ = policy.forward(case.batch(), reduction=reduction)
+    assert losses["none"].shape == (B,)
+    torch.testing.assert_close(losses["none"].mean(), losses["mean"])
+
+
+def test_every_parameter_gets_a_gradient(case):
+    policy = case.policy()
+    shake(policy)
+    _, gradients = loss_and_gradients(policy, case.batch())
+    without = [name for name, gradient in gradients.items() if gradient is None or not gradient.any()]
+    assert without == []
+
+
+def test_the_optimizer_gets_every_trainable_parameter_once(case):
+    policy = case.policy()
+    given = [p for group in policy.get_optim_params() for p in group["params"]]
+    trainable = [p for p in policy.parameters() if p.requires_grad]
+    assert len(given) == len(trainable)
+    assert set(given) == set(trainable)
+
+
+def test_padded_actions_change_neither_loss_nor_gradients(case):
+    policy, batch = case.policy(), case.batch()
+    loss, gradients = loss_and_gradients(policy, batch)
+    batch["action"] = torch.where(batch["action_is_pad"][..., None], 7.0, batch["action"])
+    other_loss, other_gradients = loss_and_gradients(policy, batch)
+    assert torch.equal(loss, other_loss)
+    for name, gradient in gradients.items():
+        assert torch.equal(gradient, other_gradients[name]), name
+
+
+def test_the_batch_is_never_changed(case):
+    policy, batch = case.policy(), case.batch()
+    before = snapshot(batch)
+    policy.train().forward(batch)[0].backward()
+    policy.predict_action_chunk(batch)
+    policy.select_action(batch)
+    assert_unchanged(batch, before)
+
+
+def test_a_fresh_policy_predicts_chunks(case):
+    assert case.policy().predict_action_chunk(case.batch()).shape == (B, T, A)
+
+
+def test_actions_are_the_columns_of_chunks(case):
+    policy, batch = case.policy(n_action_steps=3), case.batch()
+    chunk = policy.predict_action_chunk(batch)
+    actions = torch.stack([policy.select_action(batch) for _ in range(6)], dim=1)
+    torch.testing.assert_close(actions, chunk[:, [0, 1, 2, 0, 1, 2]])
+
+
+def test_only_a_new_chunk_looks_at_the_observation(case):
+    policy, batch = case.policy(n_action_steps=3), case.batch()
+    expected = policy.predict_action_chunk(batch)[:, 1]
+    policy.select_action(batch)
+    changed = {key: value + 1 if key.startswith("observation") else value for key, value in batch.items()}
+    torch.testing.assert_close(policy.select_action(changed), expected)
+
+
+def test_reset_equals_fresh(case):
+    used, fresh, batch = case.policy(), case.policy(), case.batch()
+    for _ in range(2):
+        used.select_action(batch)
+    used.reset()
+    for _ in range(T + 1):
+        assert torch.equal(used.select_action(batch), fresh.select_action(batch))
+
+
+def test_a_batch_of_another_size_starts_a_rollout(case):
+    policy = case.policy()
+    policy.select_action(case.batch())
+    assert policy.select_action(case.batch(2)).shape == (2, A)
+
+
+def test_samples_of_a_batch_are_independent(case):
+    policy, batch = case.policy(), case.batch(8)
+    together = policy.predict_action_chunk(batch)
+    alone = torch.cat(
+        [policy.predict_action_chunk({k: v[i : i + 1] for k, v in batch.items()}) for i in range(8)]
+    )
+    torch.testing.assert_close(together, alone, rtol=1e-4, atol=1e-5)
+
+
+def test_acting_neither_reads_nor_moves_the_random_generator(case):
+    policy, batch, chunks = case.policy(), case.batch(), []
+    for seed in (4, 5):
+        torch.manual_seed(seed)
+        before = torch.get_rng_state()
+        chunks.append(policy.predict_action_chunk(batch))
+        assert torch.equal(torch.get_rng_state(), before)
+    assert torch.equal(*chunks)
+
+
+def test_a_missing_observation_is_named(case):
+    policy, batch = case.policy(), case.batch()
+    key = next(iter(case.inputs))
+    del batch[key]
+    for use in (policy.forward, policy.predict_action_chunk, policy.select_action):
+        with pytest.raises(FeatureError, match=f"needs '{key}', but the batch has only"):
+            use(batch)
+
+
+def test_saved_and_loaded_it_acts_bit_for_bit_the_same(case, tmp_path):
+    policy = case.policy()
+    shake(policy)
+    preprocessor, postprocessor = make_pre_post_processors(policy.config, dataset_stats=statistics(case))
+    for part in (policy, preprocessor, postprocessor):
+        part.save_pretrained(tmp_path)
+    loaded = get_policy_class(case.type).from_pretrained(tmp_path)
+    processors = make_pre_post_processors(loaded.config, pretrained_path=str(tmp_path))
+    raw = {key: value * 3 for key, value in case.batch().items() if key.startswith("observation")}
+    actions = [
+        post(one.select_action(pre(raw)))
+        for one, (pre, post) in ((policy, (preprocessor, postprocessor)), (loaded, processors))
+    ]
+    assert torch.equal(*actions)
+
+
+def statistics(case):
+    """Statistics with which normalising does something."""
+    config = case.config()
+    features = {**config.input_features, **config.output_features}
+    shapes = {key: (3, 1, 1) if "image" in key else feature.shape for key, feature in features.items()}
+    return {
+        key: {"mean": torch.full(shape, 0.3), "std": torch.full(shape, 0.7)} for key, shape in shapes.items()
+    }
+
+
+def test_the_config_survives_json_and_the_command_line(case, tmp_path):
+    config = case.config()
+    config.save_pretrained(tmp_path)
+    assert PreTrainedConfig.from_pretrained(tmp_path) == config
+    changed = PreTrainedConfig.from_pretrained(tmp_path, cli_overrides=["--n_action_steps=2"])
+    assert changed.n_action_steps == 2
+    assert draccus.encode(changed, PreTrainedConfig)["type"] == case.type
+
+
+def test_it_learns_eight_samples_by_heart(case):
+    policy = case.policy(dim_model=32, dim_feedforward=64, use_vae=False)
+    batch = {key: plain(value) if "image" in key else value for key, value in case.batch(8).items()}
+    optimizer = torch.optim.AdamW([p for p in policy.parameters() if p.requires_grad], lr=3e-3)
+    first = policy.eval().forward(batch)[1]["l1_loss"]
+    policy.train()
+    for _ in range(200):
+        policy.forward(batch)[0].backward()
+        optimizer.step()
+        optimizer.zero_grad()
+        policy.update()
+    assert policy.eval().forward(batch)[1]["l1_loss"] < 0.2 * first
+
+
+def plain(images):
+    """Images of one colour: what differs between noise images takes long to learn."""
+    return images[..., :1, :1].expand_as(images)
