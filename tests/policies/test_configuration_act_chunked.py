@@ -14,7 +14,7 @@ STATE = {"observation.state": PolicyFeature(FeatureType.STATE, (6,))}
 
 
 def make(**settings):
-    return ActChunkedConfig(device="cpu", **settings)
+    return ActChunkedConfig(device="cpu", push_to_hub=False, **settings)
 
 
 def test_the_paper_preset_is_lerobots_act():
@@ -172,3 +172,10 @@ def test_vectors_are_read_in_a_fixed_order():
 def test_features_that_cannot_work(inputs, outputs, message):
     with pytest.raises(FeatureError, match=re.escape(message)):
         make(input_features=inputs, output_features=outputs).validate_features()
+
+
+def test_a_run_whose_push_cannot_succeed_is_refused_at_its_start(monkeypatch):
+    monkeypatch.delenv("LEROBOT_LOCAL_HUB", raising=False)
+    config = ActChunkedConfig(device="cpu")
+    with pytest.raises(ConfigurationError, match=r"no --policy\.repo_id to push to[\s\S]*push_to_hub=false"):
+        config.get_optimizer_preset()

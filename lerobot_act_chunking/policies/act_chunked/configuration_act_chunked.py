@@ -14,6 +14,7 @@ from lerobot.utils.constants import ACTION, OBS_STATE
 from lerobot_act_chunking.data.batch import FeatureSpec
 from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.errors import ConfigurationError, FeatureError, unknown_choice
+from lerobot_act_chunking.hub.preflight import check_push
 from lerobot_act_chunking.policies.act_chunked.presets import preset_values
 
 PRESET: Any = None  # default of every field that the preset decides
@@ -223,7 +224,15 @@ class ActChunkedConfig(PreTrainedConfig):
                 )
 
     def get_optimizer_preset(self) -> AdamWConfig:
-        """AdamW with LeRobot's gradient clipping at norm 10."""
+        """AdamW with LeRobot's gradient clipping at norm 10.
+
+        LeRobot asks for it when a fresh run starts, and only then; so this is also where a run whose push at
+        the end cannot succeed is refused.
+
+        Raises:
+            ConfigurationError: naming the ways out, if the run would push and nothing could take the push.
+        """
+        check_push(self)
         return AdamWConfig(
             lr=self.optimizer_lr, betas=self.optimizer_betas, weight_decay=self.optimizer_weight_decay
         )
