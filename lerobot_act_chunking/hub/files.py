@@ -121,27 +121,15 @@ def write_durably(target: Path, data: bytes, scratch: Path) -> None:
 
 def place(source: Path, target: Path, link: str) -> None:
     """Make ``target`` show ``source``: by the relative symlink ``link``, else a hard link, else a copy."""
-    with contextlib.suppress(NotImplementedError), _unless_disk_full():
-        target.symlink_to(link)
-        return
-    with contextlib.suppress(NotImplementedError), _unless_disk_full():
-        target.hardlink_to(source)
-        return
+    # A file system without links says so in many ways: EPERM, ENOTSUP, EINVAL, ...
+    for make in (lambda: target.symlink_to(link), lambda: target.hardlink_to(source)):
+        with contextlib.suppress(OSError, NotImplementedError):
+            make()
+            return
     with source.open("rb") as reader, target.open("xb") as writer:
         shutil.copyfileobj(reader, writer, CHUNK)
         writer.flush()
         os.fsync(writer.fileno())
-
-
-@contextmanager
-def _unless_disk_full() -> Iterator[None]:
-    # A file system without links answers EPERM, ENOTSUP, EINVAL, ... depending on its kind; a full one must
-    # not look like one of those.
-    try:
-        yield
-    except OSError as error:
-        if error.errno in DISK_FULL:
-            raise
 
 
 def read_chunks(path: Path, start: int = 0) -> Iterator[bytes]:

@@ -39,8 +39,8 @@ def route_to(hub: LocalHub, *, fall_through: bool = False) -> None:
         # Raised here, by the first request: an error while LeRobot imports plugins would only be logged.
         _refuse_download_cache(hub)
         transport = LocalHubTransport(hub, fall_through=fall_through)
-        # trust_env off: a proxy of the environment must not come between the process and its own disk.
-        return httpx.Client(transport=transport, follow_redirects=True, timeout=None, trust_env=False)  # noqa: S113
+        # An explicit transport also keeps proxies of the environment out of the way.
+        return httpx.Client(transport=transport, follow_redirects=True, timeout=None)  # noqa: S113
 
     _adapt_huggingface_hub()
     set_client_factory(client)

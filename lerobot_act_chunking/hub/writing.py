@@ -1,7 +1,6 @@
 """The requests that change a repository, in a push's order: create, pre-upload, upload, commit, tag."""
 
 import base64
-import binascii
 import logging
 from typing import Any
 
@@ -176,7 +175,7 @@ def _inline_file(repository: Repository, value: dict[str, Any]) -> Entry:
     checked_path(value.get("path"))  # before anything is stored
     try:
         content = base64.b64decode(_text(value.get("content")), validate=True)
-    except binascii.Error as error:
+    except ValueError as error:
         raise RefusedError(f"the content of {shorten(value.get('path'))} is not base64") from error
     return publishing.receive_blob(repository, [content])
 
