@@ -157,17 +157,20 @@ def summarise(outcome: Outcome) -> dict:
 
 
 def table(task: str, results: dict[str, dict]) -> Table:
-    shown = Table("condition", "episodes", *SUCCESS_RULES, "held by step (median, last)", title=task)
+    headers = [f"{rule}, % [95 % Wilson]" for rule in SUCCESS_RULES]
+    shown = Table("condition", "episodes", *headers, "hold at step", title=task)
     for name, row in results.items():
-        rates = [
-            f"{row[rule]['successes'] / row['episodes']:.1%} "
-            f"[{row[rule]['interval'][0]:.1%}, {row[rule]['interval'][1]:.1%}]"
-            for rule in SUCCESS_RULES
-        ]
-        shown.add_row(
-            name, str(row["episodes"]), *rates, f"{row['hold_step_median']}, {row['hold_step_max']}"
-        )
+        shown.add_row(name, str(row["episodes"]), *(rate(row, rule) for rule in SUCCESS_RULES), steps(row))
     return shown
+
+
+def rate(row: dict, rule: str) -> str:
+    low, high = row[rule]["interval"]
+    return f"{100 * row[rule]['successes'] / row['episodes']:.1f} [{100 * low:.1f}, {100 * high:.1f}]"
+
+
+def steps(row: dict) -> str:
+    return f"{row['hold_step_median']:.0f}, last {row['hold_step_max']}" if row["hold_step_max"] else "never"
 
 
 def measure(task: str, episodes: int) -> dict[str, dict]:
