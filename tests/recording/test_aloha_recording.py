@@ -58,8 +58,9 @@ def test_the_first_row_is_before_any_action():
 def test_labels_are_clean_where_commands_are_disturbed():
     quiet, noisy = (play(2, expert=ExpertOptions(action_noise=noise)) for noise in (0.0, 0.01))
     assert np.array_equal(quiet.arrays["action"], noisy.arrays["action"])
-    difference = np.abs(quiet.arrays["observation.state"] - noisy.arrays["observation.state"]).max()
-    assert 1e-3 < difference < 0.2
+    difference = np.abs(quiet.arrays["observation.state"] - noisy.arrays["observation.state"]).max(axis=0)
+    arms = np.delete(difference, [6, 13])
+    assert 0.005 < arms.min() < arms.max() < 0.1  # grippers yield to what they hold
     assert noisy.details["expert"]["action_noise"] == 0.01
 
 
@@ -181,6 +182,12 @@ def test_an_expert_that_never_succeeds_is_an_error(tmp_path, monkeypatch):
     with pytest.raises(DatasetError, match=message):
         record(RecordSpec("me/cube", tmp_path / "data", episodes=1, seed=7))
     assert not (tmp_path / "data").exists()
+
+
+def test_the_root_is_by_default_where_lerobot_looks(tmp_path, monkeypatch):
+    monkeypatch.setattr("lerobot.utils.constants.HF_LEROBOT_HOME", tmp_path)
+    assert record(RecordSpec("me/cube", episodes=1)).root == tmp_path / "me" / "cube"
+    assert read_summary(tmp_path / "me" / "cube").episodes[0].seed == 0
 
 
 def test_a_relative_root_and_a_file_in_the_way(tmp_path, monkeypatch):
