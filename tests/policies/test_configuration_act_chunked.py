@@ -18,7 +18,7 @@ def make(**settings):
 
 
 def test_the_paper_preset_is_lerobots_act():
-    ours, theirs = make(preset="paper"), ACTConfig(device="cpu")
+    ours, theirs = make(preset="paper"), ACTConfig(device="cpu", push_to_hub=False)
     shared = {name for name in vars(theirs) if hasattr(ours, name)} - {"pretrained_backbone_weights"}
     assert {name: getattr(ours, name) for name in shared} == {name: getattr(theirs, name) for name in shared}
     assert ours.get_optimizer_preset() == theirs.get_optimizer_preset()
