@@ -74,6 +74,7 @@ def make_policies(case: Case) -> tuple[PreTrainedPolicy, PreTrainedPolicy]:
         "input_features": case.inputs,
         "output_features": ACTION,
         "device": "cpu",
+        "push_to_hub": False,
         "pretrained_backbone_weights": None,
         **case.settings,
     }
@@ -105,7 +106,7 @@ def training_step(policy: PreTrainedPolicy, batch: dict[str, torch.Tensor]) -> C
     return step
 
 
-def inference(policy: PreTrainedPolicy, batch: dict[str, torch.Tensor]) -> Callable[[], None]:
+def new_chunk(policy: PreTrainedPolicy, batch: dict[str, torch.Tensor]) -> Callable[[], None]:
     """The control step that runs the network."""
     policy.eval()
 
@@ -114,6 +115,22 @@ def inference(policy: PreTrainedPolicy, batch: dict[str, torch.Tensor]) -> Calla
         policy.select_action(batch)
 
     return step
+
+
+def rest_of_chunk(policy: PreTrainedPolicy, batch: dict[str, torch.Tensor]) -> Callable[[], None]:
+    """The 99 control steps that follow it."""
+    policy.eval()
+    policy.reset()
+    policy.select_action(batch)
+
+    def steps() -> None:
+        for _ in range(99):
+            policy.select_action(batch)
+        policy.reset()
+        policy.predict_action_chunk(batch)  # untimed work would be unfair to neither: both do it
+        policy.select_action(batch)
+
+    return steps
 
 
 def compare(case: str, quantity: str, theirs: Callable, ours: Callable, repeats: int) -> Result:

@@ -39,7 +39,14 @@ class Case:
     settings: dict[str, Any] = field(default_factory=dict)
 
     def config(self, **overrides: Any) -> PreTrainedConfig:
-        settings = {"device": "cpu", "chunk_size": T, **SIZES, **self.settings, **overrides}
+        settings = {
+            "device": "cpu",
+            "push_to_hub": False,
+            "chunk_size": T,
+            **SIZES,
+            **self.settings,
+            **overrides,
+        }
         actions = {"action": PolicyFeature(FeatureType.ACTION, (A,))}
         config_class = PreTrainedConfig.get_choice_class(self.type)
         return config_class(input_features=dict(self.inputs), output_features=actions, **settings)

@@ -49,6 +49,14 @@ def test_the_loss_is_finite_and_metrics_are_plain_numbers(case):
     assert all(type(value) is float for value in metrics.values())
 
 
+def test_it_trains_in_mixed_precision(case):
+    policy = case.policy(dropout=0.1).train()
+    with torch.autocast("cpu", torch.bfloat16):
+        loss, _ = policy.forward(case.batch())
+    loss.backward()
+    assert all(p.grad is None or torch.isfinite(p.grad).all() for p in policy.parameters())
+
+
 def test_per_sample_losses_average_to_the_loss(case):
     policy, losses = case.policy().train(), {}
     for reduction in ("mean", "none"):

@@ -64,7 +64,7 @@ class ActChunkedPolicy(PreTrainedPolicy):
         """
         super().__init__(config)
         config.validate_features()
-        if dataset_meta is not None:
+        if dataset_meta is not None and dataset_meta.episodes is not None:
             config.timing.check_episode_length(max(dataset_meta.episodes["length"]))
         if dataset_stats is not None:
             check_finite(config, dataset_stats)
@@ -78,8 +78,7 @@ class ActChunkedPolicy(PreTrainedPolicy):
             else None
         )
         self.register_load_state_dict_post_hook(_adopt_average)
-        # LeRobot and its tools look for a queue under this name to learn when the next inference is due.
-        self._action_queue = make_executor(config)
+        self.reset()
 
     @classmethod
     def from_pretrained(cls, pretrained_name_or_path: str | Path, **kwargs: Any) -> Self:
@@ -159,7 +158,8 @@ class ActChunkedPolicy(PreTrainedPolicy):
 
     def reset(self) -> None:
         """Forget the current chunk: a new rollout begins."""
-        self._action_queue.reset()
+        # LeRobot and its tools look for a queue under this name to learn when the next inference is due.
+        self._action_queue = make_executor(self.config)
 
     def update(self) -> None:
         """Follow the weights with their average; LeRobot calls this after every optimiser step."""

@@ -1,0 +1,91 @@
+"""LeRobot's own training command with `act_chunked`: it runs, and a resumed run is the undisturbed one."""
+
+import sys
+
+import numpy as np
+import pytest
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from lerobot.scripts import lerobot_train
+from safetensors.torch import load_file
+
+from lerobot_act_chunking.errors import ConfigurationError, DatasetError
+
+pytestmark = pytest.mark.slow
+
+# Without dropout: LeRobot's new data loader draws from the random generator that resuming has just restored.
+SMALL = (
+    "--policy.dim_model=16 --policy.n_heads=2 --policy.chunk_size=5 --policy.use_ema=true --policy.dropout=0"
+)
+
+
+def record(root, spoiled=None):
+    """Two episodes of 12 frames; the first frame of the feature ``spoiled`` holds a NaN."""
+    names = {"observation.state": 6, "observation.environment_state": 7, "action": 4}
+    features = {key: {"dtype": "float32", "shape": (n,), "names": None} for key, n in names.items()}
+    dataset = LeRobotDataset.create("test/toy", fps=50, features=features, root=root, use_videos=False)
+    generator = np.random.default_rng(0)
+    for _ in range(2):
+        for i in range(12):
+            frame = {key: generator.normal(size=n).astype(np.float32) for key, n in names.items()}
+            if spoiled is not None and i == 0:
+                frame[spoiled][0] = np.nan
+            dataset.add_frame({**frame, "task": "toy"})
+        dataset.save_episode()
+    dataset.finalize()
+    return root
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    return record(tmp_path_factory.mktemp("toy") / "dataset")
+
+
+@pytest.fixture
+def train(monkeypatch):
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["lerobot-train", *arguments])
+        lerobot_train.main()
+
+    return run
+
+
+def fresh(dataset, output, *arguments):
+    run = f"--dataset.root={dataset} --output_dir={output} --dataset.repo_id=test/toy --batch_size=3"
+    quiet = "--policy.device=cpu --policy.push_to_hub=false --num_workers=0 --log_freq=1 --save_freq=2"
+    return [*f"--policy.type=act_chunked {run} {quiet} {SMALL}".split(), *arguments]
+
+
+def weights(run, step):
+    return load_file(run / "checkpoints" / step / "pretrained_model" / "model.safetensors")
+
+
+def test_a_resumed_run_is_the_undisturbed_one(train, dataset, tmp_path):
+    train(*fresh(dataset, tmp_path / "whole", "--steps=4"))
+    config = tmp_path / "whole" / "checkpoints" / "000002" / "pretrained_model" / "train_config.json"
+    train(f"--config_path={config}", "--resume=true", f"--output_dir={tmp_path / 'resumed'}")
+    whole, resumed = weights(tmp_path / "whole", "000004"), weights(tmp_path / "resumed", "000004")
+    assert whole.keys() == resumed.keys()
+    for name, value in whole.items():
+        assert value.equal(resumed[name]), name
+
+
+def test_a_chunk_longer_than_every_episode_is_refused(train, dataset, tmp_path):
+    with pytest.raises(ConfigurationError, match=r"chunk_size=13 .* longest episode \(12 steps\)"):
+        train(*fresh(dataset, tmp_path / "run", "--policy.chunk_size=13"))
+
+
+def test_a_nan_in_the_dataset_is_refused(train, tmp_path):
+    spoiled = record(tmp_path / "dataset", spoiled="observation.state")
+    with pytest.raises(DatasetError, match=r"observation\.state"):
+        train(*fresh(spoiled, tmp_path / "run"))
+
+
+def test_fine_tuning_starts_from_the_checkpoint(train, dataset, tmp_path):
+    train(*fresh(dataset, tmp_path / "first", "--steps=2"))
+    checkpoint = tmp_path / "first" / "checkpoints" / "last" / "pretrained_model"
+    arguments = [argument for argument in fresh(dataset, tmp_path / "second") if "--policy." not in argument]
+    train(*arguments, f"--policy.path={checkpoint}", "--policy.push_to_hub=false", "--steps=2")
+    second = load_file(
+        tmp_path / "second" / "checkpoints" / "last" / "pretrained_model" / "model.safetensors"
+    )
+    assert second["ema.step"] == 4
