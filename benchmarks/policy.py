@@ -117,18 +117,14 @@ def new_chunk(policy: PreTrainedPolicy, batch: dict[str, torch.Tensor]) -> Calla
     return step
 
 
-def rest_of_chunk(policy: PreTrainedPolicy, batch: dict[str, torch.Tensor]) -> Callable[[], None]:
-    """The 99 control steps that follow it."""
+def whole_chunk(policy: PreTrainedPolicy, batch: dict[str, torch.Tensor]) -> Callable[[], None]:
+    """All 100 control steps of a chunk, the network run once."""
     policy.eval()
-    policy.reset()
-    policy.select_action(batch)
 
     def steps() -> None:
-        for _ in range(99):
-            policy.select_action(batch)
         policy.reset()
-        policy.predict_action_chunk(batch)  # untimed work would be unfair to neither: both do it
-        policy.select_action(batch)
+        for _ in range(100):
+            policy.select_action(batch)
 
     return steps
 
@@ -150,20 +146,17 @@ def _milliseconds(call: Callable[[], None]) -> float:
 
 
 def run(case: Case, repeats: int) -> list[Result]:
-    """Both quantities of one case."""
+    """All quantities of one case."""
     theirs, ours = make_policies(case)
     batch, observation = make_batch(case, case.batch_size), make_batch(case, 1)
+    quantities = (
+        ("select_action", new_chunk, observation, 3 * repeats),
+        ("100 actions", whole_chunk, observation, repeats),
+        ("training step", training_step, batch, repeats),
+    )
     return [
-        compare(
-            case.name,
-            "select_action",
-            inference(theirs, observation),
-            inference(ours, observation),
-            3 * repeats,
-        ),
-        compare(
-            case.name, "training step", training_step(theirs, batch), training_step(ours, batch), repeats
-        ),
+        compare(case.name, name, make(theirs, data), make(ours, data), n)
+        for name, make, data, n in quantities
     ]
 
 
