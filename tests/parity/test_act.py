@@ -5,6 +5,7 @@ from itertools import product
 
 import pytest
 import torch
+from act_weights import convert
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.policies.act.configuration_act import ACTConfig
 from lerobot.policies.act.modeling_act import ACTPolicy
@@ -12,8 +13,6 @@ from torch import Tensor
 
 from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
 from lerobot_act_chunking.policies.act_chunked.modeling_act_chunked import ActChunkedPolicy
-
-from act_weights import convert
 
 B, T, A, S, E = 3, 5, 4, 6, 7
 STATE = {"observation.state": PolicyFeature(FeatureType.STATE, (S,))}
