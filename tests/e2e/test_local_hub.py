@@ -231,3 +231,20 @@ def test_train_push_evaluate_resume_without_a_network(tmp_path: Path):
     assert scan_cache_dir(station.hub).warnings == []
     for name in hub.names():
         assert verify(hub.open(name)).problems == []
+
+
+def test_a_run_that_could_not_push_fails_before_it_starts(tmp_path: Path):
+    station = Workstation(tmp_path)
+    command = [
+        str(Path(sys.executable).with_name("lerobot-train")),
+        *TINY_CHUNKED,
+        *TRAIN,
+        "--output_dir=run",
+    ]
+    done = subprocess.run(
+        command, cwd=tmp_path, env=station.environment(), capture_output=True, text=True, check=False
+    )
+    assert done.returncode != 0
+    for words in ("'me/act_cube'", "nobody is logged in", "LEROBOT_LOCAL_HUB=", "--policy.push_to_hub=false"):
+        assert words in done.stderr
+    assert not (tmp_path / "run").exists()
