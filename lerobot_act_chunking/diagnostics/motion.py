@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -55,7 +55,7 @@ def record_motion(policy_path: str, *, task: str, seed: int, success: str = "tou
 
     policy, preprocessor, postprocessor = load_policy(policy_path)
     env_config = environment_for(policy.config, task=task, success=success)
-    env = next(iter(make_env(env_config, n_envs=1).values()))[0]
+    env: Any = next(iter(make_env(env_config, n_envs=1).values()))[0]
     commands, positions, rewards, frames, succeeded = [], [], [], [], False
     try:
         observation, _ = env.reset(seed=seed)
@@ -105,7 +105,7 @@ def environment_for(config: Any, *, task: str, success: str) -> Any:
     """
     from lerobot_act_chunking.envs.configuration_envs import AlohaSimEnvConfig
 
-    quick = {"task": task, "success": success, "render_quality": "fast"}
+    quick: dict[str, Any] = {"task": task, "success": success, "render_quality": "fast"}
     images = config.image_features
     if not images:
         return AlohaSimEnvConfig(
@@ -129,7 +129,7 @@ def plot_motion(motion: Motion, path: Path) -> Path:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(12, 10), layout="constrained")
-    film, plots = figure.subfigures(2, 1, height_ratios=[1, 4])
+    film, plots = cast("tuple[Any, Any]", figure.subfigures(2, 1, height_ratios=[1, 4]))
     film.suptitle(motion.title)
     _draw_film(film, motion)
     axes = plots.subplots(4, 1, sharex=True, height_ratios=[3, 3, 1.5, 1])
