@@ -179,4 +179,5 @@ def _content(root: Path) -> str:
         return "a file"
     if (root / "meta" / "info.json").exists():
         return "a LeRobot dataset that act-chunking did not record"
-    return f"something else ({', '.join(sorted(path.name for path in root.iterdir())[:3])}, …)"
+    names = sorted(path.name for path in root.iterdir())
+    return f"something else ({', '.join(names[:3])}{', …' if len(names) > 3 else ''})"

@@ -1,7 +1,8 @@
 """What a recording says about itself: ``meta/recording.json``.
 
 LeRobot leaves unknown files in ``meta/`` alone, and pushes and downloads them with the dataset. Its dataset
-editing (merge, split, delete episodes) makes new datasets without them.
+editing (merge, split, delete episodes) makes new datasets without them. Columns in its own table of episodes
+would survive that, but its writer takes none from outside.
 """
 
 import json

@@ -77,7 +77,7 @@ def test_nothing_but_the_dataset_is_left(plain):
 
 
 def test_workers_do_not_change_a_byte(plain, tmp_path):
-    record(tmp_path / "data", source=FakeSource(failing=(1,)), workers=3)
+    record(tmp_path / "data", source=FakeSource(failing=(1,)), workers=2)
     assert files(tmp_path / "data") == files(plain)
 
 
@@ -128,7 +128,7 @@ def test_another_dataset_is_refused_and_stays(plain, tmp_path):
 def test_a_folder_with_anything_is_refused_and_stays(tmp_path):
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "thesis.tex").write_text("years of work")
-    with pytest.raises(ConfigurationError, match=r"already holds something else \(thesis\.tex"):
+    with pytest.raises(ConfigurationError, match=r"already holds something else \(thesis\.tex\); choose"):
         record(tmp_path / "data")
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigurationError, match="already holds a file"):
