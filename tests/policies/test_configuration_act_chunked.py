@@ -177,5 +177,5 @@ def test_features_that_cannot_work(inputs, outputs, message):
 def test_a_run_whose_push_cannot_succeed_is_refused_at_its_start(monkeypatch):
     monkeypatch.delenv("LEROBOT_LOCAL_HUB", raising=False)
     config = ActChunkedConfig(device="cpu")
-    with pytest.raises(ConfigurationError, match=r"no --policy\.repo_id to push to[\s\S]*push_to_hub=false"):
+    with pytest.raises(ConfigurationError, match=r"this run would push[\s\S]*push_to_hub=false"):
         config.get_optimizer_preset()

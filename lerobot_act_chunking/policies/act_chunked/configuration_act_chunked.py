@@ -122,13 +122,13 @@ class ActChunkedConfig(PreTrainedConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._check_choices()
         self._resolve_preset()
+        self._check_choices()
         self._check()
 
     def _check_choices(self) -> None:
         for name, hint in get_type_hints(type(self)).items():
-            if get_origin(hint) is Literal and getattr(self, name) not in (*get_args(hint), PRESET):
+            if get_origin(hint) is Literal and getattr(self, name) not in get_args(hint):
                 raise unknown_choice(name, getattr(self, name), get_args(hint))
 
     def _resolve_preset(self) -> None:

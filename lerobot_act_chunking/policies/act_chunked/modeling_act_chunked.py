@@ -54,8 +54,7 @@ class ActChunkedPolicy(PreTrainedPolicy):
             config: its settings, with input and output features.
             dataset_stats: statistics of the training data, checked if given.
             dataset_meta: LeRobot's metadata of the training data, checked if given.
-            load_backbone_weights: fill in ``pretrained_backbone_weights``; not wanted when a checkpoint
-            follows.
+            load_backbone_weights: fill in ``pretrained_backbone_weights``; not if a checkpoint follows.
 
         Raises:
             FeatureError: if inputs or outputs cannot work.
@@ -96,8 +95,7 @@ class ActChunkedPolicy(PreTrainedPolicy):
 
         Args:
             batch: observations, ``action`` (B, T, A) and ``action_is_pad`` (B, T).
-            reduction: ``mean`` for a scalar, ``none`` for one loss per sample (B,), whose mean is that
-            scalar.
+            reduction: ``mean`` for a scalar; ``none`` for one loss per sample (B,), with the same mean.
 
         Returns:
             The loss, and ``l1_loss`` and (with KL) ``kld_loss`` as plain numbers.
@@ -270,4 +268,4 @@ def not_finite(batch: Batch, metrics: dict[str, float]) -> DatasetError:
         if key is None
         else f"{key!r} in the batch holds a NaN or an infinity: check the dataset"
     )
-    return DatasetError(f"the training loss is not finite ({metrics}); {cause}")
+    return DatasetError(f"the loss is not finite ({metrics}); {cause}")

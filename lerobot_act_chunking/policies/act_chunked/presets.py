@@ -4,6 +4,10 @@ from typing import Any
 
 from lerobot.configs import NormalizationMode
 
+from lerobot_act_chunking.errors import unknown_choice
+
+PRESETS = ("base", "paper")
+
 
 def preset_values(preset: str, *, dim_model: int | None, pretrained: bool) -> dict[str, Any]:
     """Values of every field that a preset decides.
@@ -12,7 +16,12 @@ def preset_values(preset: str, *, dim_model: int | None, pretrained: bool) -> di
         preset: ``paper`` for LeRobot's ACT defaults, which are the original code's; ``base`` for ours.
         dim_model: token width if it was set, for values that scale with it.
         pretrained: whether pretrained backbone weights were asked for.
+
+    Raises:
+        ConfigurationError: for an unknown preset.
     """
+    if preset not in PRESETS:
+        raise unknown_choice("preset", preset, PRESETS)
     if preset == "paper":
         return {
             "normalization_mapping": _mean_std("VISUAL", "STATE", "ACTION"),
