@@ -9,39 +9,47 @@ import os
 import signal
 import sys
 from pathlib import Path
+from pkgutil import resolve_name
 
 from fake_source import FakeSource
-from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
-from lerobot.datasets.lerobot_dataset import LeRobotDataset
-from lerobot.datasets.video_utils import StreamingVideoEncoder
 
 from lerobot_act_chunking.recording import Target, record_source
-from lerobot_act_chunking.recording.attempts import AttemptQueue
 from lerobot_act_chunking.recording.runners import WorkerPool
-from lerobot_act_chunking.recording.staging import EpisodeStore, Staging
 
 EPISODES = 4
 FAILING = (1,)
 
+LEROBOT = "lerobot.datasets"
+OURS = "lerobot_act_chunking.recording"
+
 # moment: ((whose, function, the how manieth call, "before" or "after" it), workers, camera)
 MOMENTS = {
-    "staging_first_file": ((os, "fsync", 3, "before"), 1, False),
-    "staging_third_file": ((os, "fsync", 7, "before"), 1, False),
-    "three_staged": ((EpisodeStore, "save", 3, "after"), 1, False),
-    "lerobot_writes": ((LeRobotDatasetMetadata, "save_episode", 2, "before"), 1, False),
-    "lerobot_wrote": ((LeRobotDataset, "save_episode", 3, "after"), 1, False),
-    "closing_files": ((LeRobotDataset, "finalize", 1, "before"), 1, False),
-    "before_publication": ((Staging, "publish", 1, "before"), 1, False),
-    "syncing_dataset": ((os, "fsync", 16, "before"), 1, False),
-    "published": ((Path, "rename", 1, "after"), 1, False),
-    "with_workers": ((AttemptQueue, "__next__", 3, "after"), 2, False),
-    "encoding_video": ((StreamingVideoEncoder, "finish_episode", 2, "before"), 1, True),
-    "videos_done": ((Staging, "publish", 1, "before"), 1, True),
+    "staging_first_file": (("os", "fsync", 3, "before"), 1, False),
+    "staging_third_file": (("os", "fsync", 7, "before"), 1, False),
+    "three_staged": ((f"{OURS}.staging:EpisodeStore", "save", 3, "after"), 1, False),
+    "lerobot_writes": (
+        (f"{LEROBOT}.dataset_metadata:LeRobotDatasetMetadata", "save_episode", 2, "before"),
+        1,
+        False,
+    ),
+    "lerobot_wrote": ((f"{LEROBOT}.lerobot_dataset:LeRobotDataset", "save_episode", 3, "after"), 1, False),
+    "closing_files": ((f"{LEROBOT}.lerobot_dataset:LeRobotDataset", "finalize", 1, "before"), 1, False),
+    "before_publication": ((f"{OURS}.staging:Staging", "publish", 1, "before"), 1, False),
+    "syncing_dataset": (("os", "fsync", 16, "before"), 1, False),
+    "published": (("pathlib:Path", "rename", 1, "after"), 1, False),
+    "with_workers": ((f"{OURS}.attempts:AttemptQueue", "__next__", 3, "after"), 2, False),
+    "encoding_video": (
+        (f"{LEROBOT}.video_utils:StreamingVideoEncoder", "finish_episode", 2, "before"),
+        1,
+        True,
+    ),
+    "videos_done": ((f"{OURS}.staging:Staging", "publish", 1, "before"), 1, True),
 }
 
 
-def kill_at(owner, name, call, when):
+def kill_at(whose, name, call, when):
     """Make the ``call``-th call of a function this process's last."""
+    owner = resolve_name(whose)
     real = getattr(owner, name)
     calls = 0
 
@@ -78,6 +86,7 @@ def record_until_killed(folder, moment):
 
 
 def main():
+    resolve_name(f"{OURS}.assembly")  # imports LeRobot; at the top, every worker would do so as well
     base = Path(sys.argv[1])
     for story in sys.argv[2:]:
         (base / story).mkdir()
