@@ -204,12 +204,12 @@ def test_it_learns_eight_samples_by_heart(case):
     optimizer = torch.optim.AdamW([p for p in policy.parameters() if p.requires_grad], lr=3e-3)
     first = policy.eval().forward(batch)[1]["l1_loss"]
     policy.train()
-    for _ in range(200):
+    for _ in range(160):
         policy.forward(batch)[0].backward()
         optimizer.step()
         optimizer.zero_grad()
         policy.update()
-    assert policy.eval().forward(batch)[1]["l1_loss"] < 0.2 * first
+    assert policy.eval().forward(batch)[1]["l1_loss"] < 0.25 * first
 
 
 def plain(images):
