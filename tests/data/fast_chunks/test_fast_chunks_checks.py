@@ -52,8 +52,9 @@ def damage(states, tmp_path):
     return damaged
 
 
-def test_a_sound_dataset_passes(states):
+def test_sound_datasets_pass(states, images):
     assert len(make(states)) == 17
+    assert len(make(images)) == 17
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])

@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import torch
+from lerobot.datasets.dataset_reader import DatasetReader
 from lerobot.datasets.language import LANGUAGE_EVENTS, language_events_column_feature
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot_sets import REPO_ID, assert_same, batch, seconds
@@ -64,6 +65,7 @@ def test_numbers_in_memory_mapped_pieces(numbers, open_both, episodes, monkeypat
     assert len(action.pieces) == len(episodes or range(4))
     assert not action.pieces[0].flags.writeable
     assert_equal_items(fast, stock)
+    assert_same(fast[-2], stock[-2])
 
 
 @pytest.mark.parametrize(
@@ -186,6 +188,7 @@ def test_the_default_float_type_is_followed(states, open_both):
     fast, stock = open_both(states)
     torch.set_default_dtype(torch.float64)
     try:
+        assert fast.chunks is not None
         assert fast[2]["action"].dtype == torch.float64
         assert_same(fast[2], stock[2])
     finally:
@@ -200,6 +203,19 @@ def test_a_transform_of_the_users_own_is_left_to_lerobot(states, open_both, capl
         assert_same(fast[3], stock[3])
     assert fast.chunks is None
     assert f"fast chunks are off for {REPO_ID}: LeRobot has another 'observation.state'" in caplog.messages
+
+
+def test_a_lerobot_with_more_in_its_items_is_left_to_itself(states, open_both, monkeypatch, caplog):
+    get_item = DatasetReader.get_item
+    monkeypatch.setattr(
+        DatasetReader, "get_item", lambda self, idx: {**get_item(self, idx), "subtask": "grasp"}
+    )
+    with caplog.at_level(logging.WARNING):
+        fast, stock = open_both(states)
+    assert fast.chunks is None
+    assert fast[5]["subtask"] == "grasp"
+    assert_same(batch(fast, [5, 6]), [stock[5], stock[6]])
+    assert caplog.messages == [f"fast chunks are off for {REPO_ID}: LeRobot has another 'subtask'"]
 
 
 def test_values_that_are_not_finite_do_not_turn_it_off(open_both, states, monkeypatch):
