@@ -36,10 +36,8 @@ def main(argv: list[str] | None = None) -> int:
     except ActChunkingError as error:
         console.print(f"[red]error:[/] {error}", highlight=False, soft_wrap=True)
         return 1
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, typer.Abort):  # typer turns the one into the other
         console.print("\nstopped; run the same command again to go on from here")
-        return 130
-    except typer.Abort:
         return 130
     except Exception as error:
         if not hasattr(error, "exit_code"):

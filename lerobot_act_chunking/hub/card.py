@@ -13,11 +13,15 @@ from lerobot_act_chunking.hub.routing import LOCAL_HUB
 class ChunkSettings(Protocol):
     """The part of a policy configuration that the card describes."""
 
-    type: str
     repo_id: str | None
     chunk_size: int
     input_features: Any
     output_features: Any
+
+    @property
+    def type(self) -> str:
+        """The policy's registered name."""
+        ...
 
 
 _SECRET = re.compile(r"(--[^=]*(?:token|secret|password|api_key)[^=]*)=.*", re.IGNORECASE)

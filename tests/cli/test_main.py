@@ -4,6 +4,7 @@ import sys
 import pytest
 
 from lerobot_act_chunking.cli import main as cli
+from lerobot_act_chunking.cli import quickstart
 from lerobot_act_chunking.errors import ConfigurationError
 
 
@@ -30,11 +31,11 @@ def test_our_errors_are_one_line_and_status_1(monkeypatch, capsys):
 
 
 def test_ctrl_c_is_status_130_and_says_how_to_go_on(monkeypatch, capsys):
-    def interrupted(**_):
+    def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(cli, "app", interrupted)
-    assert cli.main([]) == 130
+    monkeypatch.setattr(quickstart, "run", interrupted)
+    assert cli.main(["quickstart"]) == 130
     assert "run the same command again" in capsys.readouterr().err
 
 

@@ -1,4 +1,5 @@
 import re
+import sys
 from types import SimpleNamespace
 
 import pytest
@@ -7,6 +8,7 @@ from lerobot.policies.act.modeling_act import ACTTemporalEnsembler
 from policy_cases import CASES, B, T
 
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError, FeatureError
+from lerobot_act_chunking.hub.card import policy_section
 from lerobot_act_chunking.policies.act_chunked.modeling_act_chunked import ActChunkedPolicy
 
 STATE, ENVIRONMENT, VECTORS, CAMERAS, MIXED = CASES
@@ -197,3 +199,11 @@ def test_adapters_and_averaging_exclude_each_other():
 def test_sharding_units_exist():
     classes = {type(module).__name__ for module in STATE.policy().modules()}
     assert set(ActChunkedPolicy._fsdp_wrap_modules) <= classes
+
+
+@pytest.mark.filterwarnings("ignore:invalid escape sequence:DeprecationWarning")  # in LeRobot's template
+def test_the_model_card_ends_with_what_the_policy_reads_and_how_it_acts():
+    policy = STATE.policy()
+    card = policy.generate_model_card("me/cube", "act_chunked", None, None)
+    assert card.text.endswith(policy_section(policy.config, command=sys.argv))
+    assert "observation.state" in card.text

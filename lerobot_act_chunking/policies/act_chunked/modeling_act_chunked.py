@@ -15,6 +15,7 @@ from lerobot_act_chunking.errors import ConfigurationError, DatasetError
 from lerobot_act_chunking.execution.ensemble import TemporalEnsemble
 from lerobot_act_chunking.execution.executor import ChunkExecutor, NewestChunk
 from lerobot_act_chunking.heads.regression import RegressionHead
+from lerobot_act_chunking.hub.card import extend_card
 from lerobot_act_chunking.nn.ema import WeightAverage
 from lerobot_act_chunking.nn.observation import CameraTokens, ObservationEncoder, VectorTokens
 from lerobot_act_chunking.nn.style import StyleEncoder, kl_to_standard_normal, sample_latent
@@ -176,6 +177,11 @@ class ActChunkedPolicy(PreTrainedPolicy):
         groups = [{"params": rest}, {"params": backbone, "lr": self.config.optimizer_lr_backbone}]
         fused = rest[0].device.type in FUSED_ADAMW_DEVICES
         return [{**group, "fused": fused} for group in groups if group["params"]]
+
+    def generate_model_card(self, *args: Any, dataset_meta: Any | None = None, **kwargs: Any) -> Any:
+        """LeRobot's model card, plus what this policy reads and how it acts."""
+        card = super().generate_model_card(*args, dataset_meta=dataset_meta, **kwargs)
+        return extend_card(card, self.config, fps=None if dataset_meta is None else dataset_meta.fps)
 
     def _get_default_peft_targets(self) -> dict[str, Any]:
         """Adapt all attention projections and feed-forward layers of the encoder and decoder."""
