@@ -36,11 +36,14 @@ class Column:
         Raises:
             IndexError: if a row lies beyond the dataset.
         """
-        values = self.pieces[0].take(rows, axis=0) if len(self.pieces) == 1 else self._gather_pieces(rows)
-        tensor = torch.from_numpy(values)
+        tensor = torch.from_numpy(self.take(rows))
         return tensor if tensor.dtype is self.dtype else tensor.to(self.dtype)
 
-    def _gather_pieces(self, rows: Int64[np.ndarray, "..."]) -> Shaped[np.ndarray, "..."]:
+    def take(self, rows: Int64[np.ndarray, "..."]) -> Shaped[np.ndarray, "..."]:
+        """``gather`` as an array of the stored type."""
+        return self.pieces[0].take(rows, axis=0) if len(self.pieces) == 1 else self._take_pieces(rows)
+
+    def _take_pieces(self, rows: Int64[np.ndarray, "..."]) -> Shaped[np.ndarray, "..."]:
         flat = rows.ravel()
         piece = np.searchsorted(self.first_rows, flat, side="right") - 1
         values = np.empty((flat.size, *self.pieces[0].shape[1:]), self.pieces[0].dtype)

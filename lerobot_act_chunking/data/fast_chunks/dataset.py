@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable, Sequence
+from operator import index
 from typing import Any, SupportsIndex, cast
 
 import numpy as np
@@ -62,8 +63,8 @@ class FastChunkDataset(LeRobotDataset):
 
 
 def _rows(indices: Sequence[SupportsIndex], count: int) -> Int64[np.ndarray, " B"] | None:
-    """Rows of the table, negative ones counted from its end; None for anything but indices within it."""
-    rows = np.asarray(indices)
-    if rows.ndim != 1 or rows.dtype != np.int64 or rows.min() < -count or rows.max() >= count:
+    """Rows of the table, negative ones counted from its end; None if there are none or some lie beyond."""
+    rows = [index(each) for each in indices]
+    if not rows or min(rows) < -count or max(rows) >= count:
         return None
-    return np.where(rows < 0, rows + count, rows)
+    return np.array(rows) % count

@@ -41,7 +41,8 @@ class ChunkReader:
         self._steps = {key: tuple(steps) for key, steps in (reader.delta_indices or {}).items()}
         self._offsets = {steps: np.asarray(steps) for steps in self._steps.values()}
         slow = [key for key in self._keys if key not in self.columns]
-        self._slow_rows = self._table.select_columns([key for key in slow if key not in self._steps])
+        self._slow_keys = [key for key in slow if key not in self._steps]
+        self._slow_rows = self._table.select_columns(self._slow_keys)
         self._slow_chunks = {key: self._table.select_columns([key]) for key in slow if key in self._steps}
         self.whole = not meta.camera_keys and self._steps.keys() <= self.columns.keys()
 
@@ -60,12 +61,12 @@ class ChunkReader:
     def _gather(self, rows: Int64[np.ndarray, " B"]) -> dict[str, Tensor | list[Any]]:
         """All values of the items, key by key in LeRobot's order, each of length B."""
         index, episode, task = (
-            self.columns[key].gather(rows).numpy() for key in ("index", "episode_index", "task_index")
+            self.columns[key].take(rows) for key in ("index", "episode_index", "task_index")
         )
         windows = {
             steps: self._windows.rows(index, episode, offsets) for steps, offsets in self._offsets.items()
         }
-        slow = [self._slow_rows[row] for row in rows.tolist()] if self._slow_rows.column_names else []
+        slow = [self._slow_rows[row] for row in rows.tolist()] if self._slow_keys else []
         gathered: dict[str, Tensor | list[Any]] = {}
         for key in self._keys:
             if key in self.columns:
