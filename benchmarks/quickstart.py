@@ -21,7 +21,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from lerobot_act_chunking.cli.quickstart import Story, run
+from lerobot_act_chunking.cli.quickstart import LOCAL_HUB, Story, run
 from lerobot_act_chunking.diagnostics.success import read_success_rate
 
 BASELINE_POLICY = {
@@ -62,12 +62,13 @@ def timed(command: list[str], console: Console) -> float:
 
 def evaluate(story: Story, policy: str, steps: int, minutes: float, console: Console) -> Row:
     if not story.evaluated():
-        run(story.eval_command(), console)
+        run(story.eval_command(str(story.checkpoint)), console)
     rate = read_success_rate(story.evaluation / "eval_info.json")
     return Row(policy, story.task, story.seed, steps, minutes, rate.successes, rate.episodes, rate.interval)
 
 
 def train_ours(story: Story, console: Console) -> Row:
+    os.environ[LOCAL_HUB] = str(story.hub)
     minutes = timed(story.train_command(), console)
     return evaluate(story, "act_chunked", story.steps, minutes, console)
 
@@ -141,11 +142,15 @@ def main() -> None:
 
 
 class SharedDataset(Story):
-    """A story in a folder beside the others, on the recording they share."""
+    """A story in a folder beside the others, on the recording they share and with a hub of its own."""
 
     @property
     def dataset(self) -> Path:
         return self.folder.parent / "dataset"
+
+    @property
+    def hub(self) -> Path:
+        return (self.folder / "hub").resolve()
 
 
 if __name__ == "__main__":

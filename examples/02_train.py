@@ -15,7 +15,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--root", type=Path, default=Path("outputs/examples/dataset"))
     parser.add_argument("--out", type=Path, default=Path("outputs/examples/train"))
-    parser.add_argument("--steps", type=int, default=5000)
+    parser.add_argument("--steps", type=int, default=4000)
     args = parser.parse_args()
 
     register_third_party_plugins()  # what LeRobot's commands do first; switches fast chunks on

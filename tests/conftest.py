@@ -1,6 +1,11 @@
-"""Checks every shape annotation of the tensor code while the tests run."""
+"""One thread per test process, and every shape annotation of the tensor code checked while the tests run."""
+
+import os
 
 from jaxtyping import install_import_hook
+
+# Before torch is imported, here or in a subprocess: workers that share cores must not spin on each other's.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 # Before anything imports them: annotations become checks only in modules that are imported afterwards.
 CHECKED = ("nn", "heads", "execution", "data", "policies.act_chunked.network")

@@ -51,7 +51,7 @@ class Story:
     folder: Path
     task: str = "transfer_cube"
     episodes: int = 50
-    steps: int = 5000
+    steps: int = 4000
     eval_episodes: int = 200
     seed: int = 0
 
@@ -143,11 +143,11 @@ class Story:
             "--wandb.enable=false",
         ]
 
-    def eval_command(self) -> list[str]:
-        """LeRobot's own evaluation, on poses the demonstrations did not have."""
+    def eval_command(self, policy_path: str | None = None) -> list[str]:
+        """LeRobot's own evaluation, on poses no demonstration has; by default of what was pushed."""
         return [
             "lerobot-eval",
-            f"--policy.path={self.policy_repo_id}",
+            f"--policy.path={policy_path or self.policy_repo_id}",
             "--policy.device=cpu",
             *("--env.type=aloha_sim", f"--env.task={self.task}", "--env.obs_type=state"),
             *("--env.render_quality=fast", "--env.visualization_width=320", "--env.visualization_height=240"),
