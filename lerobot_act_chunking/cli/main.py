@@ -14,6 +14,8 @@ from lerobot_act_chunking.cli.quickstart import quickstart_command
 from lerobot_act_chunking.cli.record import record_command
 from lerobot_act_chunking.errors import ActChunkingError
 
+STOPPED = 130  # what shells report after Ctrl-C
+
 app = typer.Typer(
     name="act-chunking",
     help="Action-chunking policies for LeRobot: demonstrations, training, evaluation, motion.",
@@ -36,14 +38,15 @@ def main(argv: list[str] | None = None) -> int:
     except ActChunkingError as error:
         console.print(f"[red]error:[/] {error}", highlight=False, soft_wrap=True)
         return 1
-    except (KeyboardInterrupt, typer.Abort):  # typer turns the one into the other
-        console.print("\nstopped; run the same command again to go on from here")
-        return 130
+    except (KeyboardInterrupt, typer.Abort):
+        status = STOPPED
     except Exception as error:
         if not hasattr(error, "exit_code"):
             raise
         _show_usage_error(error)
         return int(error.exit_code)  # pyright: ignore[reportAttributeAccessIssue]
+    if status == STOPPED:  # typer may also return it, having caught Ctrl-C itself
+        console.print("\nstopped; run the same command again to go on from here")
     return status if isinstance(status, int) else 0
 
 
