@@ -10,6 +10,7 @@ def test_each_query_emits_consecutive_actions():
     features = torch.randn(B, Q, D)
     actions = head(features)
     assert actions.shape == (B, 2 * Q, A)
+    torch.testing.assert_close(actions[:, 7], head.projection(features)[:, 3, A:])  # as checkpoints store it
     changed = features.clone()
     changed[:, 3] += 1
     differs = (head(changed) != actions).any((0, 2))
