@@ -1,19 +1,11 @@
-"""What a push costs: memory is held to a limit, time is printed beside copying and hashing the same files."""
+"""What a push costs in memory; its time is benchmarks/local_hub.py's."""
 
-import hashlib
 import os
-import resource
-import shutil
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from huggingface_hub import HfApi
-
-from lerobot_act_chunking.hub.storage import LocalHub
 
 MEASURE = r"""
 import re, sys, warnings
@@ -59,45 +51,3 @@ def test_two_gigabytes_need_less_than_200_megabytes(tmp_path: Path):
     needed = memory_of_a_push(tmp_path, 2_000_000_000)
     print(f"\npeak memory of a 2 GB push: {needed:.0f} MB above the process without it")
     assert needed < 200
-
-
-def seconds(work: Callable[[], object]) -> tuple[float, float]:
-    """Wall and processor time of ``work`` [s]."""
-    usage, began = resource.getrusage(resource.RUSAGE_SELF), time.perf_counter()
-    work()
-    after = resource.getrusage(resource.RUSAGE_SELF)
-    spent = after.ru_utime + after.ru_stime - usage.ru_utime - usage.ru_stime
-    return time.perf_counter() - began, spent
-
-
-def copy_and_hash(source: Path, target: Path) -> None:
-    """What storing a file cannot do without: hash it, copy it, force it to disk."""
-    with source.open("rb") as file:
-        hashlib.file_digest(file, "sha256")
-    shutil.copyfile(source, target)
-    with target.open("rb") as file:
-        os.fsync(file.fileno())
-
-
-@pytest.mark.slow
-def test_the_time_of_a_push_beside_copying_and_hashing(hub: LocalHub, api: HfApi, tmp_path: Path):
-    api.create_repo("me/act")
-    totals = {"push": [0.0, 0.0], "copy and hash": [0.0, 0.0]}
-    for number in range(6):
-        source = tmp_path / f"{number}.bin"
-        with source.open("wb") as file:
-            for _ in range(200):
-                file.write(os.urandom(1 << 20))
-        os.sync()
-        works = {
-            "push": lambda path=source: api.upload_file(
-                path_or_fileobj=path, path_in_repo="m", repo_id="me/act"
-            ),
-            "copy and hash": lambda path=source: copy_and_hash(path, path.with_suffix(".copy")),
-        }
-        for name in sorted(works, reverse=bool(number % 2)):  # both orders: the second finds a warm cache
-            for index, value in enumerate(seconds(works[name])):
-                totals[name][index] += value
-    for index, clock in enumerate(("wall", "processor")):
-        ratio = totals["push"][index] / totals["copy and hash"][index]
-        print(f"\n{clock} time of a push: {ratio:.2f} x copying and hashing ({totals})")

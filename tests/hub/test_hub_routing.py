@@ -53,6 +53,7 @@ def test_a_proxy_does_not_come_between(tmp_path: Path, monkeypatch: pytest.Monke
         monkeypatch.setenv(variable, "http://proxy.example:3128")
     routing.route_to(LocalHub(tmp_path / "hub"))
     HfApi().create_repo("me/act")
+    assert (tmp_path / "hub" / "models--me--act").is_dir()
 
 
 def test_another_endpoint_is_served_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

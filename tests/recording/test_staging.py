@@ -75,7 +75,7 @@ def test_another_manifest_is_refused_and_says_what_differs(tmp_path):
 def test_settings_are_compared_as_json(tmp_path):
     for cameras in (("top",), ["top"]):
         with open_staging(tmp_path / "cube", {"cameras": cameras}):
-            pass
+            assert staging_folder(tmp_path / "cube").is_dir()
 
 
 def test_a_second_recorder_is_refused(tmp_path):
