@@ -18,6 +18,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from huggingface_hub import HfApi
+from huggingface_hub.utils import disable_progress_bars
 from rich.console import Console
 
 from lerobot_act_chunking.hub.routing import route_to
@@ -74,6 +75,7 @@ def main() -> None:
     parser.add_argument("--megabytes", type=int, default=200)
     parser.add_argument("--out", type=Path, default=Path("local_hub.json"))
     args = parser.parse_args()
+    disable_progress_bars()
     warnings.simplefilter("ignore", DeprecationWarning)  # huggingface_hub's way of handing files to httpx
 
     with tempfile.TemporaryDirectory() as folder:
