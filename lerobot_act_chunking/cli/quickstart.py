@@ -4,6 +4,7 @@ Every stage leaves a result on disk and is skipped when that result is there, so
 any moment and run again.
 """
 
+import json
 import os
 import shlex
 import shutil
@@ -11,7 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -19,7 +20,7 @@ import typer
 from rich.console import Console
 from rich.rule import Rule
 
-from lerobot_act_chunking.errors import ActChunkingError, unknown_choice
+from lerobot_act_chunking.errors import ActChunkingError, ConfigurationError, unknown_choice
 
 TASKS = ("transfer_cube", "insertion")
 LOCAL_HUB = "LEROBOT_LOCAL_HUB"
@@ -202,6 +203,7 @@ def quickstart_command(
     Stop it whenever you like: the same command goes on where it was.
     """
     story = Story(output_dir, task, episodes, steps, eval_episodes, seed)
+    claim_folder(story)
     console = Console()
     started = time.monotonic()
     stages: list[tuple[str, Callable[[], bool], Callable[[], list[str]]]] = [
@@ -219,6 +221,29 @@ def quickstart_command(
         else:
             run(command(), console)
     _conclude(story, console, time.monotonic() - started)
+
+
+def claim_folder(story: Story) -> None:
+    """Note in the folder which story it holds, so that results of another one never pass for this one's.
+
+    Raises:
+        ConfigurationError: the folder holds a story with other settings.
+    """
+    settings = {name: value for name, value in asdict(story).items() if name != "folder"}
+    note = story.folder / "quickstart.json"
+    if note.exists():
+        held = json.loads(note.read_text())
+        differing = [f"{name}={held.get(name)}" for name in settings if held.get(name) != settings[name]]
+        if differing:
+            raise ConfigurationError(
+                f"{story.folder} holds a quickstart with {', '.join(differing)}; "
+                "repeat those settings to go on with it, or give another --output-dir"
+            )
+        return
+    story.folder.mkdir(parents=True, exist_ok=True)
+    unfinished = note.with_suffix(".tmp")
+    unfinished.write_text(json.dumps(settings, indent=2) + "\n")
+    unfinished.replace(note)
 
 
 def run(command: list[str], console: Console) -> None:

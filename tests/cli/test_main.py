@@ -30,12 +30,13 @@ def test_our_errors_are_one_line_and_status_1(monkeypatch, capsys):
     assert capsys.readouterr().err == "error: chunk_size=7 must be divisible by 2\n"
 
 
-def test_ctrl_c_is_status_130_and_says_how_to_go_on(monkeypatch, capsys):
+def test_ctrl_c_is_status_130_and_says_how_to_go_on(monkeypatch, capsys, tmp_path):
     def interrupted(*_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(quickstart, "run", interrupted)
-    assert cli.main(["quickstart"]) == 130
+    monkeypatch.setenv("LEROBOT_LOCAL_HUB", str(tmp_path / "hub"))
+    assert cli.main(["quickstart", "--output-dir", str(tmp_path)]) == 130
     assert "run the same command again" in capsys.readouterr().err
 
 

@@ -99,6 +99,20 @@ def test_a_command_stopped_by_ctrl_c_counts_as_ctrl_c():
         quickstart.run(["python", "-c", "raise SystemExit(130)"], quickstart.Console())
 
 
+@pytest.mark.parametrize(
+    ("argv", "held"),
+    [
+        (["--task", "insertion"], "task=transfer_cube"),
+        (["--steps", "9", "--seed", "1"], "steps=4000, seed=0"),
+    ],
+)
+def test_results_of_another_story_never_pass_for_this_ones(tmp_path, capsys, argv, held):
+    quickstart.claim_folder(Story(tmp_path))
+    quickstart.claim_folder(Story(tmp_path))
+    assert cli.main(["quickstart", "--output-dir", str(tmp_path), *argv]) == 1
+    assert f"holds a quickstart with {held}; repeat those settings" in capsys.readouterr().err
+
+
 def test_unknown_task_is_refused_before_anything_runs(tmp_path, capsys):
     assert cli.main(["quickstart", "--task", "juggle", "--output-dir", str(tmp_path)]) == 1
     assert "unknown task 'juggle'; choose one of: transfer_cube, insertion" in capsys.readouterr().err
