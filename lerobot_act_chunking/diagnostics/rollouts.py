@@ -1,0 +1,259 @@
+"""Episodes of a checkpoint in ``aloha_sim``, with everything that a diagnosis needs written down.
+
+Acts exactly as ``lerobot-eval`` (same observations, processors, batches, success rule), in this process and
+without a vector environment: finished episodes cost nothing, and one network call serves all the others.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch
+from lerobot.envs.utils import preprocess_observation
+from torch import Tensor
+
+from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
+from lerobot_act_chunking.envs.configuration_envs import AlohaSimEnvConfig
+from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.execution.executor import ChunkExecutor
+from lerobot_act_chunking.policies.loading import LoadedPolicy
+
+OnStep = Callable[[int, int, AlohaSimEnv], None]
+OnChunk = Callable[[Tensor, Tensor | None], None]
+
+
+@dataclass(frozen=True)
+class Inference:
+    """One network call for one episode.
+
+    Attributes:
+        step: control step whose observation the network saw.
+        chunk: its prediction for the steps ``step``, ``step + 1``, ..., ``(T, A)`` in the environment's units
+            (after the postprocessor); ``(0, A)`` where chunks were not logged.
+    """
+
+    step: int
+    chunk: np.ndarray
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """One episode as it was commanded and as it came out.
+
+    Attributes:
+        seed: seed of the episode's object poses.
+        dt: control period [s].
+        commands: what the policy asked for, ``(T, A)`` in the environment's units.
+        positions: where the joints were when it asked, ``(T, A)`` in the same units.
+        rewards: the reward after each step, ``(T,)``.
+        success: whether the environment's rule was met at any step; that step is the last.
+        inferences: network calls while the episode was running, in order.
+    """
+
+    seed: int
+    dt: float
+    commands: np.ndarray
+    positions: np.ndarray
+    rewards: np.ndarray
+    success: bool
+    inferences: tuple[Inference, ...] = ()
+
+
+def roll_out(
+    policy: LoadedPolicy,
+    env_config: AlohaSimEnvConfig,
+    seeds: Sequence[int],
+    *,
+    n_envs: int = 50,
+    log_chunks: bool = True,
+    on_step: OnStep | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> list[Rollout]:
+    """Run one episode per seed, ``n_envs`` at a time.
+
+    Each group of ``n_envs`` starts with ``policy.reset()`` and keeps its batch size to the end. Results
+    depend on ``n_envs`` only as far as the network's rounding depends on the batch size.
+
+    Args:
+        policy: any LeRobot policy with its processors.
+        env_config: the environment; `environment_for` gives the one a policy was trained on.
+        seeds: one per episode.
+        n_envs: episodes that run together.
+        log_chunks: keep every predicted chunk; ``4 T A`` bytes per network call and episode.
+        on_step: called with ``(seed, step, environment)`` when a command is chosen and before it is carried
+            out; what it changes in the world is first seen in the next observation.
+        progress: called with the number of finished episodes whenever it grows.
+
+    Returns:
+        One rollout per seed, in the order of ``seeds``.
+
+    Raises:
+        ConfigurationError: no seeds, or no environments.
+    """
+    if not seeds or n_envs < 1:
+        raise ConfigurationError(
+            f"a rollout needs seeds and environments, got {len(seeds)} and n_envs={n_envs}"
+        )
+    envs = [_make(env_config) for _ in range(min(n_envs, len(seeds)))]
+    finished: list[Rollout] = []
+    try:
+        for first in range(0, len(seeds), len(envs)):
+            group = [
+                _Episode(seed, env) for seed, env in zip(seeds[first : first + len(envs)], envs, strict=False)
+            ]
+            with _observed_chunks(policy, group, log_chunks):
+                for _ in range(env_config.episode_length):
+                    if not _advance(policy, group, on_step):
+                        break
+                    if progress is not None:
+                        progress(len(finished) + sum(episode.done for episode in group))
+            finished += [episode.rollout(1 / env_config.fps) for episode in group]
+            if progress is not None:
+                progress(len(finished))
+    finally:
+        for env in envs:
+            env.close()
+    return finished
+
+
+def environment_for(config: Any, *, task: str, success: str) -> AlohaSimEnvConfig:
+    """The ``aloha_sim`` configuration whose observations are the ones a policy was trained on.
+
+    Raises:
+        ConfigurationError: unknown task, cameras of different sizes, or cameras together with object poses.
+    """
+    quick: dict[str, Any] = {"task": task, "success": success, "render_quality": "fast"}
+    images = config.image_features
+    if not images:
+        return AlohaSimEnvConfig(
+            **quick, obs_type="state", agent_vel="observation.agent_vel" in config.input_features
+        )
+    sizes = {tuple(feature.shape[-2:]) for feature in images.values()}
+    if len(sizes) > 1:
+        raise ConfigurationError(f"aloha_sim renders one image size, the policy wants {sorted(sizes)}")
+    height, width = sizes.pop()
+    return AlohaSimEnvConfig(
+        **quick,
+        obs_type="pixels_state" if "observation.state" in config.input_features else "pixels",
+        cameras=[key.removeprefix("observation.images.") for key in images],
+        observation_height=height,
+        observation_width=width,
+    )
+
+
+@dataclass
+class _Episode:
+    """An episode under way."""
+
+    seed: int
+    env: AlohaSimEnv
+    commands: list[np.ndarray] = field(default_factory=list)
+    positions: list[np.ndarray] = field(default_factory=list)
+    rewards: list[float] = field(default_factory=list)
+    inferences: list[Inference] = field(default_factory=list)
+    done: bool = False
+
+    def __post_init__(self) -> None:
+        self.observation, _ = self.env.reset(seed=self.seed)
+
+    def advance(self, command: np.ndarray, on_step: OnStep | None) -> None:
+        """Carry out one command (A,)."""
+        self.positions.append(self.env.world.qpos())
+        if on_step is not None:
+            on_step(self.seed, len(self.commands), self.env)
+        self.observation, reward, self.done, _, _ = self.env.step(command)
+        self.commands.append(command)
+        self.rewards.append(reward)
+
+    def rollout(self, dt: float) -> Rollout:
+        """All that was written down; an episode that ended before its time limit is a success."""
+        return Rollout(
+            seed=self.seed,
+            dt=dt,
+            commands=np.stack(self.commands),
+            positions=np.stack(self.positions),
+            rewards=np.array(self.rewards),
+            success=self.done,
+            inferences=tuple(self.inferences),
+        )
+
+
+def _make(env_config: AlohaSimEnvConfig) -> AlohaSimEnv:
+    return gym.make(env_config.gym_id, disable_env_checker=True, **env_config.gym_kwargs).unwrapped  # pyright: ignore[reportReturnType]
+
+
+def _advance(policy: LoadedPolicy, group: list[_Episode], on_step: OnStep | None) -> bool:
+    """One control step of every unfinished episode; False once there is none."""
+    if all(episode.done for episode in group):
+        return False
+    # Finished episodes stay in the batch with their last observation: its size must not change.
+    observation = preprocess_observation(_stack([episode.observation for episode in group]))
+    observation["task"] = [episode.env.task_description for episode in group]  # pyright: ignore[reportArgumentType]
+    batch = policy.preprocessor(observation)
+    with torch.inference_mode():
+        commands = policy.postprocessor(policy.policy.select_action(batch)).to("cpu").numpy()
+    for episode, command in zip(group, commands, strict=True):
+        if not episode.done:
+            episode.advance(command, on_step)
+    return True
+
+
+def _stack(observations: list[dict[str, Any]]) -> dict[str, Any]:
+    """Observations of single environments as one batch, as a vector environment gives them."""
+    first = observations[0]
+    return {
+        key: _stack([observation[key] for observation in observations])
+        if isinstance(value, dict)
+        else np.stack([observation[key] for observation in observations])
+        for key, value in first.items()
+    }
+
+
+@contextmanager
+def _observed_chunks(policy: LoadedPolicy, group: list[_Episode], log_chunks: bool) -> Iterator[None]:
+    """Reset the policy and note every chunk it predicts in the episodes that it is for."""
+
+    def note(chunk: Tensor, envs: Tensor | None) -> None:
+        rows = range(len(group)) if envs is None else envs.tolist()
+        actions = _in_environment_units(policy, chunk) if log_chunks else chunk[:, :0].to("cpu").numpy()
+        for row, plan in zip(rows, actions, strict=True):
+            episode = group[row]
+            if not episode.done:
+                episode.inferences.append(Inference(len(episode.commands), plan.copy()))
+
+    policy.policy.reset()
+    executor = getattr(policy.policy, "_action_queue", None)
+    if isinstance(executor, ChunkExecutor):
+        executor.on_chunk = lambda event: note(event.chunk, event.envs)
+        try:
+            yield
+        finally:
+            executor.on_chunk = None
+    else:
+        with _observed_predictions(policy.policy, note):
+            yield
+
+
+def _in_environment_units(policy: LoadedPolicy, chunk: Tensor) -> np.ndarray:
+    """A chunk (n, T, A) through the postprocessor, which is made for single actions (n, A)."""
+    return policy.postprocessor(chunk.flatten(0, 1)).to("cpu").numpy().reshape(chunk.shape)
+
+
+@contextmanager
+def _observed_predictions(policy: Any, note: OnChunk) -> Iterator[None]:
+    """LeRobot's own policies have no executor; their ``select_action`` calls ``predict_action_chunk``."""
+    predict = policy.predict_action_chunk
+
+    def predict_and_note(*args: Any, **kwargs: Any) -> Tensor:
+        chunk = predict(*args, **kwargs)
+        note(chunk, None)
+        return chunk
+
+    policy.predict_action_chunk = predict_and_note
+    try:
+        yield
+    finally:
+        del policy.predict_action_chunk
