@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from lerobot_act_chunking.errors import FeatureError
@@ -34,6 +34,13 @@ class Observation:
     def batch_size(self) -> int:
         """Number of samples, or of environments when acting."""
         return len(next(iter((self.vectors or self.images).values())))
+
+    def select(self, samples: Int64[Tensor, " n"]) -> "Observation":
+        """The observations of these samples, in this order."""
+        return Observation(
+            vectors={key: value[samples.to(value.device)] for key, value in self.vectors.items()},
+            images={key: value[samples.to(value.device)] for key, value in self.images.items()},
+        )
 
     @classmethod
     def from_lerobot(cls, batch: Mapping[str, Any], spec: FeatureSpec) -> "Observation":

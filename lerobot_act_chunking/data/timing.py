@@ -9,32 +9,46 @@ from lerobot_act_chunking.errors import ConfigurationError
 class ChunkTiming:
     """Which steps a policy reads, predicts and executes, relative to the current step t.
 
-    ==============  ====================================  =======
-    what            steps                                 count
-    ==============  ====================================  =======
-    observations    t - n_obs_steps + 1 ... t             n_obs_steps
-    predictions     t ... t + chunk_size - 1              chunk_size
-    executed        t ... t + n_action_steps - 1          n_action_steps
-    next inference  t + n_action_steps
-    ==============  ====================================  =======
+    ==============  ==================================================  ==============
+    what            steps                                               count
+    ==============  ==================================================  ==============
+    observations    t - n_obs_steps + 1 ... t                           n_obs_steps
+    predictions     t, t + chunk_stride ... t + control_steps - 1       chunk_size
+    interpolated    t ... t + control_steps - 1                         control_steps
+    used            t ... t + n_action_steps - 1                        n_action_steps
+    next inference  t + replan_interval (`execution.settings`)
+    ==============  ==================================================  ==============
 
     Raises:
-        ConfigurationError: if a count is below 1, or more steps are executed than predicted.
+        ConfigurationError: if a count is below 1.
     """
 
     n_obs_steps: int
     chunk_size: int
-    n_action_steps: int
+    chunk_stride: int = 1
 
     def __post_init__(self) -> None:
-        for name in ("n_obs_steps", "chunk_size", "n_action_steps"):
+        for name in ("n_obs_steps", "chunk_size", "chunk_stride"):
             if getattr(self, name) < 1:
                 raise ConfigurationError(f"{name}={getattr(self, name)} must be at least 1")
-        if self.n_action_steps > self.chunk_size:
+        if self.chunk_size == 1 and self.chunk_stride > 1:
             raise ConfigurationError(
-                f"n_action_steps={self.n_action_steps} exceeds chunk_size={self.chunk_size}: "
-                "only predicted actions can be executed"
+                f"chunk_stride={self.chunk_stride} needs a chunk_size of 2 or more to interpolate between"
             )
+
+    @property
+    def control_steps(self) -> int:
+        """Control steps that a chunk covers."""
+        return (self.chunk_size - 1) * self.chunk_stride + 1
+
+    def predictions_for(self, n_steps: int) -> int:
+        """How many predictions decide the first ``n_steps`` control steps.
+
+        Interpolation looks one prediction beyond the segment it is in.
+        """
+        if self.chunk_stride == 1:
+            return n_steps
+        return min(self.chunk_size, (n_steps - 2) // self.chunk_stride + 3)
 
     @property
     def observation_deltas(self) -> list[int] | None:
@@ -44,7 +58,7 @@ class ChunkTiming:
     @property
     def action_deltas(self) -> list[int]:
         """Steps of the predicted actions."""
-        return list(range(self.chunk_size))
+        return list(range(0, self.control_steps, self.chunk_stride))
 
     def check_episode_length(self, longest_episode: int) -> None:
         """Refuse a dataset in which no episode is as long as one chunk.
@@ -52,8 +66,9 @@ class ChunkTiming:
         Raises:
             ConfigurationError: the end of every chunk would be padding, never data.
         """
-        if self.chunk_size > longest_episode:
+        if self.control_steps > longest_episode:
+            fitting = (longest_episode - 1) // self.chunk_stride + 1
             raise ConfigurationError(
                 f"chunk_size={self.chunk_size} is longer than the dataset's longest episode "
-                f"({longest_episode} steps); set --policy.chunk_size to {longest_episode} or less"
+                f"({longest_episode} steps); set --policy.chunk_size to {fitting} or less"
             )

@@ -7,16 +7,30 @@ from typing import Any, Protocol
 
 from huggingface_hub import ModelCard
 
+from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.hub.routing import LOCAL_HUB
+
+_EXECUTION = {
+    "open_loop": "each chunk is executed to its end",
+    "receding": "the newest chunk replaces the older ones",
+    "ensemble": "the weighted mean of all chunks that cover a step",
+    "crossfade": "each new chunk is blended in",
+    "adaptive": "the weighted mean of the chunks that agree with the newest",
+    "coherence": "of several sampled chunks the one that continues the current plan best",
+}
 
 
 class ChunkSettings(Protocol):
     """The part of a policy configuration that the card describes."""
 
     repo_id: str | None
-    chunk_size: int
     input_features: Any
     output_features: Any
+
+    @property
+    def execution_settings(self) -> ExecutionSettings:
+        """How chunks are executed."""
+        ...
 
     @property
     def type(self) -> str:
@@ -72,17 +86,21 @@ def _command_line(command: list[str]) -> str:
 
 
 def _execution(config: ChunkSettings, fps: float | None) -> str:
-    executed = getattr(config, "n_action_steps", None)
-    ensemble = getattr(config, "temporal_ensemble_coeff", None)
+    settings = config.execution_settings
+    covered, used, interval = settings.chunk_size, settings.n_action_steps, settings.replan_interval
     lines = [
-        f"- each query predicts a chunk of {config.chunk_size} actions{_seconds(config.chunk_size, fps)}"
+        f"- each query predicts a chunk that covers {covered} control steps{_seconds(covered, fps)}",
+        f"- a new chunk is asked for every {interval} steps{_seconds(interval, fps)}; the first {used} "
+        "actions of each may be executed",
+        f"- `execution={settings.execution}`: {_EXECUTION[settings.execution]}",
     ]
-    if ensemble is not None:
+    if settings.temporal_ensemble_coeff is not None:
         lines.append(
-            f"- overlapping chunks are averaged with weights exp(-{ensemble:g} i), i = 0 for the oldest"
+            f"- `ensemble_weighting={settings.ensemble_weighting}`, "
+            f"`temporal_ensemble_coeff={settings.temporal_ensemble_coeff:g}` per step"
         )
-    if executed is not None:
-        lines.append(f"- {executed} actions are executed{_seconds(executed, fps)} before the next query")
+    if settings.latency_steps:
+        lines.append(f"- chunks are used {settings.latency_steps} steps after their observation")
     return "\n".join(lines)
 
 

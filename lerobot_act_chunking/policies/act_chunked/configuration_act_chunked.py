@@ -14,15 +14,17 @@ from lerobot.utils.constants import ACTION, OBS_STATE
 from lerobot_act_chunking.data.batch import FeatureSpec
 from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.errors import ConfigurationError, FeatureError, unknown_choice
+from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.hub.preflight import check_push
 from lerobot_act_chunking.policies.act_chunked.presets import preset_values
+from lerobot_act_chunking.policies.execution_fields import ExecutionFields
 
 PRESET: Any = None  # default of every field that the preset decides
 
 
 @PreTrainedConfig.register_subclass("act_chunked")
 @dataclass
-class ActChunkedConfig(PreTrainedConfig):
+class ActChunkedConfig(ExecutionFields, PreTrainedConfig):
     """Settings of `act_chunked`, under LeRobot's ACT names where both have them.
 
     Inputs may be any mix of ``observation.state``, further state vectors, ``observation.environment_state``
@@ -33,9 +35,12 @@ class ActChunkedConfig(PreTrainedConfig):
         preset: ``base`` (ours) or ``paper`` (LeRobot's ACT, with its normalisation and its optimiser).
             Pretrained backbone weights are the exception: neither preset asks for them.
         n_obs_steps: observation steps; only 1 so far.
-        chunk_size: predicted actions per chunk [control steps].
-        n_action_steps: executed actions per chunk before the next inference [control steps]; by default the
-            whole chunk, or 1 with temporal ensembling, as in ACT.
+        chunk_size: predicted actions per chunk.
+        chunk_stride: control steps between two predicted actions; what lies between is interpolated, so that
+            a chunk of few actions covers seconds.
+        n_action_steps: how many of a chunk's first actions may be executed [control steps]; by default all.
+        execution: how chunks become actions; this and the other fields of execution (``replan_interval``,
+            ``latency_steps``, ``temporal_ensemble_coeff``, ...) are those of `ExecutionSettings`.
         actions_per_query: consecutive actions that each decoder query emits; divides ``chunk_size``. 1 is
             ACT; more makes long chunks cheap.
         normalization_mapping: how each type of feature is normalised; types not named keep the preset's
@@ -60,9 +65,6 @@ class ActChunkedConfig(PreTrainedConfig):
         kl_weight: weight of its KL divergence [nats, summed over dimensions] beside the mean absolute error.
         pad_normalization: average the action error over ``valid`` elements (LeRobot) or ``all`` (original
             ACT).
-        temporal_ensemble_coeff: execute the mean of overlapping chunks, weighted by ``exp(-coeff * i)`` for a
-            chunk i steps newer than the oldest. ACT uses 0.01; negative values favour new chunks. None
-            executes the newest chunk alone.
         use_ema: act with an exponential moving average of the weights.
         ema_power: the average's decay after n updates is ``1 - n ** -ema_power`` ...
         ema_max_value: ... up to this; use 0.999 for runs under 10 000 steps.
@@ -81,6 +83,7 @@ class ActChunkedConfig(PreTrainedConfig):
 
     n_obs_steps: int = 1
     chunk_size: int = 100
+    chunk_stride: int = 1
     n_action_steps: int = PRESET
     actions_per_query: int = 1
 
@@ -107,8 +110,6 @@ class ActChunkedConfig(PreTrainedConfig):
 
     pad_normalization: Literal["valid", "all"] = "valid"
 
-    temporal_ensemble_coeff: float | None = None
-
     use_ema: bool = False
     ema_power: float = 0.75
     ema_max_value: float = 0.9999
@@ -134,23 +135,21 @@ class ActChunkedConfig(PreTrainedConfig):
     def _resolve_preset(self) -> None:
         pretrained = self.pretrained_backbone_weights is not None
         values = preset_values(self.preset, dim_model=self.dim_model, pretrained=pretrained)
-        ensembles = self.temporal_ensemble_coeff is not None
-        values["n_action_steps"] = 1 if ensembles else self.chunk_size
+        values["n_action_steps"] = self.timing.control_steps
         self.normalization_mapping = values["normalization_mapping"] | (self.normalization_mapping or {})
         for name, value in values.items():
             if getattr(self, name) is PRESET:
                 setattr(self, name, value)
 
     def _check(self) -> None:
-        timing = self.timing
+        settings = self.execution_settings
+        if settings.execution == "coherence":
+            raise ConfigurationError(
+                "execution=coherence chooses among sampled chunks, but act_chunked predicts a single one"
+            )
         if self.n_obs_steps != 1:
             raise ConfigurationError(
                 f"n_obs_steps={self.n_obs_steps}: act_chunked reads one observation step"
-            )
-        if self.temporal_ensemble_coeff is not None and timing.n_action_steps == timing.chunk_size:
-            raise ConfigurationError(
-                f"temporal_ensemble_coeff needs overlapping chunks: n_action_steps={self.n_action_steps} "
-                f"must be below chunk_size={self.chunk_size}; 1 replans at every step, as ACT does"
             )
         for count, divisor in (
             ("chunk_size", "actions_per_query"),
@@ -183,8 +182,13 @@ class ActChunkedConfig(PreTrainedConfig):
 
     @property
     def timing(self) -> ChunkTiming:
-        """Which steps are observed, predicted and executed."""
-        return ChunkTiming(self.n_obs_steps, self.chunk_size, self.n_action_steps)
+        """Which steps are observed and predicted."""
+        return ChunkTiming(self.n_obs_steps, self.chunk_size, self.chunk_stride)
+
+    @property
+    def execution_settings(self) -> ExecutionSettings:
+        """How chunks are executed, with the mode's defaults filled in."""
+        return self.resolve_execution(self.timing.control_steps, self.n_action_steps)
 
     @property
     def feature_spec(self) -> FeatureSpec:

@@ -1,6 +1,7 @@
 """The `act_chunked` policy: ACT's wiring of the package's blocks into LeRobot's contract."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -12,8 +13,9 @@ from torch import Tensor
 from lerobot_act_chunking.data.batch import ActionTarget, Observation, first_non_finite
 from lerobot_act_chunking.data.masking import per_sample_error
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError
-from lerobot_act_chunking.execution.ensemble import TemporalEnsemble
-from lerobot_act_chunking.execution.executor import ChunkExecutor, NewestChunk
+from lerobot_act_chunking.execution.executor import ChunkExecutor
+from lerobot_act_chunking.execution.interpolation import upsample
+from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.heads.regression import RegressionHead
 from lerobot_act_chunking.hub.card import extend_card
 from lerobot_act_chunking.nn.ema import WeightAverage
@@ -138,27 +140,37 @@ class ActChunkedPolicy(PreTrainedPolicy):
 
     @torch.no_grad()
     def predict_action_chunk(self, batch: Batch, **_: Any) -> Tensor:
-        """The whole chunk of normalised actions (B, T, A) from the current step on; needs no earlier call."""
-        return self._predict(Observation.from_lerobot(batch, self.feature_spec), self.config.chunk_size)
+        """The whole chunk of normalised actions (B, T, A), one per control step; needs no earlier call."""
+        observation = Observation.from_lerobot(batch, self.feature_spec)
+        return self._predict(observation, self.config.timing.control_steps)
 
     @torch.no_grad()
     def select_action(self, batch: Batch, **_: Any) -> Tensor:
         """The normalised action (B, A) of this control step. Call `reset` at the start of each rollout."""
         observation = Observation.from_lerobot(batch, self.feature_spec)
-        ensembles = self.config.temporal_ensemble_coeff is not None
-        n_needed = self.config.chunk_size if ensembles else self.config.n_action_steps
-        return self._action_queue.step(lambda: self._predict(observation, n_needed), observation.batch_size)
+
+        def predict(envs: Environments) -> Tensor:
+            needing = observation if envs is None else observation.select(envs)
+            return self._predict(needing, self.config.n_action_steps)
+
+        return self._action_queue.step(predict, observation.batch_size)
 
     def _predict(self, observation: Observation, n_steps: int) -> Tensor:
         if self.training:
             self.eval()
-        n_queries = math.ceil(n_steps / self.config.actions_per_query)
-        return self._network(observation, n_queries=n_queries)[:, :n_steps]
+        config = self.config
+        n_predictions = config.timing.predictions_for(n_steps)
+        n_queries = math.ceil(n_predictions / config.actions_per_query)
+        keyframes = self._network(observation, n_queries=n_queries)[:, :n_predictions]
+        return upsample(keyframes, config.chunk_stride, config.gripper_dims)[:, :n_steps]
 
-    def reset(self) -> None:
-        """Forget the current chunk: a new rollout begins."""
-        # LeRobot and its tools look for a queue under this name to learn when the next inference is due.
-        self._action_queue = make_executor(self.config)
+    def reset(self, envs: Sequence[int] | Tensor | None = None) -> None:
+        """Forget all chunks: a new rollout begins, in all environments or in these alone."""
+        if envs is None:  # anew, because evaluation may have changed the settings since
+            # LeRobot and its tools look for a queue under this name to learn when the next inference is due.
+            self._action_queue = ChunkExecutor(self.config.execution_settings)
+        else:
+            self._action_queue.reset(envs)
 
     def update(self) -> None:
         """Follow the weights with their average; LeRobot calls this after every optimiser step."""
@@ -255,15 +267,6 @@ def _style_encoder(config: ActChunkedConfig, spec: LayerSpec) -> StyleEncoder:
         state_dim=state_dim,
         latent_dim=config.latent_dim,
     )
-
-
-def make_executor(config: ActChunkedConfig) -> ChunkExecutor:
-    """How ``config`` turns chunks into actions."""
-    coeff = config.temporal_ensemble_coeff
-    buffer = (
-        NewestChunk() if coeff is None else TemporalEnsemble(config.chunk_size, config.n_action_steps, coeff)
-    )
-    return ChunkExecutor(config.n_action_steps, buffer)
 
 
 def not_finite(batch: Batch, metrics: dict[str, float]) -> DatasetError:
