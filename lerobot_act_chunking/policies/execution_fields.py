@@ -1,6 +1,6 @@
 """The settings of chunk execution, under the same names in every policy of this package."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 from lerobot_act_chunking.execution.settings import ExecutionSettings, Kernel, Mode, Weighting
 
@@ -25,22 +25,16 @@ class ExecutionFields:
     gripper_dims: list[int] = field(default_factory=list)
 
     def resolve_execution(self, chunk_size: int, n_action_steps: int | None) -> ExecutionSettings:
-        """The settings for chunks of ``chunk_size`` control steps.
+        """The settings with the mode's defaults filled in.
+
+        Args:
+            chunk_size: control steps that a chunk covers.
+            n_action_steps: how many of them may be executed; None for all.
 
         Raises:
             ConfigurationError: a combination that makes no sense.
         """
-        return ExecutionSettings(
-            chunk_size=chunk_size,
-            n_action_steps=n_action_steps,  # pyright: ignore[reportArgumentType]  (None: all)
-            execution=self.execution,
-            replan_interval=self.replan_interval,  # pyright: ignore[reportArgumentType]  (None: the mode's)
-            latency_steps=self.latency_steps,
-            temporal_ensemble_coeff=self.temporal_ensemble_coeff,
-            ensemble_weighting=self.ensemble_weighting,
-            crossfade_steps=self.crossfade_steps,
-            adaptive_kernel=self.adaptive_kernel,
-            adaptive_scale=self.adaptive_scale,
-            n_samples=self.n_samples,
-            gripper_dims=tuple(self.gripper_dims),
-        )
+        asked = {each.name: getattr(self, each.name) for each in fields(ExecutionFields)}
+        asked |= {"n_action_steps": n_action_steps, "gripper_dims": tuple(self.gripper_dims)}
+        given = {name: value for name, value in asked.items() if value is not None}
+        return ExecutionSettings(chunk_size=chunk_size, **given)

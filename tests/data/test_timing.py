@@ -5,31 +5,51 @@ from lerobot_act_chunking.errors import ConfigurationError
 
 
 def test_steps_relative_to_now():
-    timing = ChunkTiming(n_obs_steps=3, chunk_size=5, n_action_steps=2)
+    timing = ChunkTiming(n_obs_steps=3, chunk_size=5)
     assert timing.observation_deltas == [-2, -1, 0]
     assert timing.action_deltas == [0, 1, 2, 3, 4]
+    assert timing.control_steps == 5
+
+
+def test_strided_predictions_reach_further():
+    timing = ChunkTiming(n_obs_steps=1, chunk_size=4, chunk_stride=5)
+    assert timing.action_deltas == [0, 5, 10, 15]
+    assert timing.control_steps == 16
+
+
+@pytest.mark.parametrize(
+    ("n_steps", "predictions"), [(1, 2), (2, 3), (6, 3), (7, 4), (11, 4), (12, 4), (16, 4)]
+)
+def test_interpolation_looks_one_prediction_ahead(n_steps, predictions):
+    assert ChunkTiming(n_obs_steps=1, chunk_size=4, chunk_stride=5).predictions_for(n_steps) == predictions
+
+
+def test_without_stride_every_step_is_a_prediction():
+    assert ChunkTiming(n_obs_steps=1, chunk_size=4).predictions_for(3) == 3
 
 
 def test_one_observation_has_no_time_axis():
-    assert ChunkTiming(n_obs_steps=1, chunk_size=5, n_action_steps=5).observation_deltas is None
+    assert ChunkTiming(n_obs_steps=1, chunk_size=5).observation_deltas is None
 
 
-@pytest.mark.parametrize("name", ["n_obs_steps", "chunk_size", "n_action_steps"])
+@pytest.mark.parametrize("name", ["n_obs_steps", "chunk_size", "chunk_stride"])
 def test_counts_start_at_one(name):
-    counts = {"n_obs_steps": 1, "chunk_size": 5, "n_action_steps": 5, name: 0}
+    counts = {"n_obs_steps": 1, "chunk_size": 5, "chunk_stride": 1, name: 0}
     with pytest.raises(ConfigurationError, match=f"{name}=0 must be at least 1"):
         ChunkTiming(**counts)
 
 
-def test_only_predicted_actions_can_be_executed():
-    with pytest.raises(ConfigurationError, match="n_action_steps=6 exceeds chunk_size=5"):
-        ChunkTiming(n_obs_steps=1, chunk_size=5, n_action_steps=6)
+def test_a_single_prediction_cannot_be_strided():
+    with pytest.raises(ConfigurationError, match="chunk_stride=2 needs a chunk_size of 2 or more"):
+        ChunkTiming(n_obs_steps=1, chunk_size=1, chunk_stride=2)
 
 
 def test_a_chunk_must_fit_the_longest_episode():
-    timing = ChunkTiming(n_obs_steps=1, chunk_size=5, n_action_steps=5)
+    timing = ChunkTiming(n_obs_steps=1, chunk_size=5)
     timing.check_episode_length(5)
     with pytest.raises(
         ConfigurationError, match=r"chunk_size=5 .* longest episode \(4 steps\).*to 4 or less"
     ):
         timing.check_episode_length(4)
+    with pytest.raises(ConfigurationError, match="to 3 or less"):
+        ChunkTiming(n_obs_steps=1, chunk_size=4, chunk_stride=5).check_episode_length(15)

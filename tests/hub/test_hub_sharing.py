@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from lerobot_act_chunking.cli.hub import app
 from lerobot_act_chunking.errors import ActChunkingError
+from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.hub import routing
 from lerobot_act_chunking.hub.card import extend_card, policy_section
 from lerobot_act_chunking.hub.names import RepoName
@@ -28,9 +29,9 @@ def feature(kind: str, *shape: int) -> SimpleNamespace:
 class Settings:
     type: str = "act_chunked"
     repo_id: str | None = "me/act"
-    chunk_size: int = 100
-    n_action_steps: int = 50
-    temporal_ensemble_coeff: float | None = None
+    execution_settings: ExecutionSettings = field(
+        default_factory=lambda: ExecutionSettings(100, n_action_steps=50)
+    )
     input_features: dict = field(
         default_factory=lambda: {"observation.images.top": feature("VISUAL", 3, 48, 64)}
     )
@@ -43,18 +44,21 @@ def test_the_card_tells_shapes_execution_and_commands():
     )
     assert "| `observation.images.top` | VISUAL | (3, 48, 64) |" in section
     assert "| `action` | ACTION | (14,) |" in section
-    assert "a chunk of 100 actions (2.00 s at 50 Hz)" in section
-    assert "50 actions are executed (1.00 s at 50 Hz) before the next query" in section
-    assert "averaged" not in section
+    assert "a chunk that covers 100 control steps (2.00 s at 50 Hz)" in section
+    assert "asked for every 50 steps (1.00 s at 50 Hz); the first 50 actions" in section
+    assert "each chunk is executed to its end" in section
+    assert "temporal_ensemble_coeff" not in section
     assert "\nlerobot-train --policy.repo_id=me/act '--job_name=a b'\n" in section
     assert "LEROBOT_LOCAL_HUB=/path/to/hub lerobot-eval --policy.path=me/act" in section
 
 
 def test_the_card_explains_ensembling_and_copes_without_a_frame_rate():
-    settings = Settings(repo_id=None, n_action_steps=1, temporal_ensemble_coeff=0.01)
-    section = policy_section(settings, command=[])
-    assert "averaged with weights exp(-0.01 i)" in section
-    assert "a chunk of 100 actions\n" in section
+    execution = ExecutionSettings(100, "ensemble", replan_interval=1, latency_steps=2)
+    section = policy_section(Settings(repo_id=None, execution_settings=execution), command=[])
+    assert "the weighted mean of all chunks" in section
+    assert "`ensemble_weighting=act`, `temporal_ensemble_coeff=0.01` per step" in section
+    assert "used 2 steps after" in section
+    assert "a chunk that covers 100 control steps\n" in section
     assert "unknown" in section
 
 

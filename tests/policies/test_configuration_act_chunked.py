@@ -61,7 +61,35 @@ def test_feature_types_not_named_keep_their_normalisation():
 
 def test_executed_steps_follow_the_chunk():
     assert make(chunk_size=40).n_action_steps == 40
-    assert make(chunk_size=40, temporal_ensemble_coeff=0.01).n_action_steps == 1
+    assert make(chunk_size=40, chunk_stride=3).n_action_steps == 118
+
+
+def test_execution_modes_fill_in_their_own_defaults():
+    config = make(chunk_size=40)
+    config.execution = "ensemble"
+    settings = config.execution_settings
+    assert (settings.replan_interval, settings.temporal_ensemble_coeff) == (20, 0.01)
+    assert config.temporal_ensemble_coeff is None  # so that another mode can be chosen later
+
+
+def test_a_trained_policy_changes_its_execution_on_the_command_line(tmp_path):
+    make(n_action_steps=60).save_pretrained(tmp_path)
+    config = PreTrainedConfig.from_pretrained(
+        tmp_path,
+        cli_overrides=[
+            "--execution=ensemble",
+            "--replan_interval=7",
+            "--ensemble_weighting=recency",
+            "--temporal_ensemble_coeff=0.1",
+            "--latency_steps=2",
+            "--gripper_dims=[6, 13]",
+        ],
+    )
+    assert config.execution_settings.weight_growth == -0.1
+    config.save_pretrained(tmp_path)
+    back = PreTrainedConfig.from_pretrained(tmp_path, cli_overrides=["--temporal_ensemble_coeff=null"])
+    assert back.temporal_ensemble_coeff is None
+    assert back.execution_settings.gripper_dims == (6, 13)
 
 
 def test_pretrained_weights_choose_frozen_batch_norm():
@@ -83,7 +111,7 @@ def test_the_command_line_reads_every_kind_of_setting(tmp_path):
     config = PreTrainedConfig.from_pretrained(
         tmp_path,
         cli_overrides=[
-            "--temporal_ensemble_coeff=0.01",
+            "--chunk_stride=2",
             "--n_action_steps=10",
             "--optimizer_betas=[0.8, 0.9]",
             "--lr_schedule=constant",
@@ -91,7 +119,7 @@ def test_the_command_line_reads_every_kind_of_setting(tmp_path):
             '--normalization_mapping={"STATE": "MIN_MAX"}',
         ],
     )
-    assert config.temporal_ensemble_coeff == 0.01
+    assert (config.chunk_stride, config.n_action_steps) == (2, 10)
     assert config.get_optimizer_preset().betas == (0.8, 0.9)
     assert config.vision_backbone == "small_cnn"
     assert config.normalization_mapping["STATE"] is NormalizationMode.MIN_MAX
@@ -109,7 +137,18 @@ def test_a_constant_rate_may_warm_up():
         ({"vision_backbone": "vgg"}, "unknown vision_backbone 'vgg'; choose one of: small_cnn, resnet18"),
         ({"pad_normalization": "some"}, "unknown pad_normalization 'some'; choose one of: valid, all"),
         ({"n_obs_steps": 2}, "n_obs_steps=2: act_chunked reads one observation step"),
-        ({"n_action_steps": 101}, "n_action_steps=101 exceeds chunk_size=100"),
+        ({"n_action_steps": 101}, "n_action_steps=101 exceeds the 100 control steps of a chunk"),
+        ({"chunk_stride": 0}, "chunk_stride=0 must be at least 1"),
+        ({"execution": "coherence"}, "act_chunked predicts a single one"),
+        ({"execution": "average"}, "unknown execution 'average'; choose one of: open_loop, receding"),
+        (
+            {"temporal_ensemble_coeff": 0.01},
+            "temporal_ensemble_coeff=0.01 has no effect with execution=open_loop",
+        ),
+        (
+            {"temporal_ensemble_coeff": -0.01, "execution": "ensemble"},
+            "temporal_ensemble_coeff=-0.01 must be at least 0",
+        ),
         ({"chunk_size": 0}, "chunk_size=0 must be at least 1"),
         ({"actions_per_query": 7}, "chunk_size=100 must be divisible by actions_per_query=7"),
         ({"actions_per_query": 0}, "chunk_size=100 must be divisible by actions_per_query=0"),
@@ -122,8 +161,8 @@ def test_a_constant_rate_may_warm_up():
         ({"kl_weight": -1.0}, "kl_weight=-1.0 must not be negative"),
         ({"norm_std_floor": float("nan")}, "norm_std_floor=nan must not be negative"),
         (
-            {"temporal_ensemble_coeff": 0.01, "n_action_steps": 100},
-            "needs overlapping chunks: n_action_steps=100 must be below chunk_size=100",
+            {"execution": "ensemble", "n_action_steps": 1},
+            "needs overlapping chunks: replan_interval=1 must be below n_action_steps=1",
         ),
         (
             {"pretrained_backbone_weights": "ResNet18_Weights.IMAGENET1K_V1", "backbone_norm": "group"},

@@ -129,6 +129,18 @@ def test_reset_equals_fresh(case):
         assert torch.equal(used.select_action(batch), fresh.select_action(batch))
 
 
+def test_one_environment_may_start_a_rollout_alone(case):
+    policy, batch = case.policy(execution="ensemble", replan_interval=3), case.batch()
+    undisturbed = case.policy(execution="ensemble", replan_interval=3)
+    later = {k: v + 1 if k.startswith("observation") else v for k, v in batch.items()}
+    for one in (policy, undisturbed):
+        one.select_action(batch)
+    policy.reset([1])
+    actions, expected = policy.select_action(later), undisturbed.select_action(later)
+    assert torch.equal(actions[[0, 2]], expected[[0, 2]])
+    torch.testing.assert_close(actions[1], case.policy().predict_action_chunk(later)[1, 0])
+
+
 def test_a_batch_of_another_size_starts_a_rollout(case):
     policy = case.policy()
     policy.select_action(case.batch())

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 import torch
 from lerobot.policies.act.modeling_act import ACTTemporalEnsembler
-from policy_cases import CASES, B, T
+from policy_cases import CASES, A, B, T
 
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError, FeatureError
 from lerobot_act_chunking.hub.card import policy_section
@@ -62,15 +62,35 @@ def test_only_the_executed_queries_are_decoded():
     assert decoded == [2, T]
 
 
-@pytest.mark.parametrize("coeff", [0.01, -0.3])
-def test_ensembling_equals_lerobots(coeff):
-    policy = STATE.policy(temporal_ensemble_coeff=coeff)
-    theirs = ACTTemporalEnsembler(coeff, T)
+@pytest.mark.parametrize(("weighting", "theirs"), [("act", 0.3), ("recency", -0.3)])
+def test_ensembling_equals_lerobots(weighting, theirs):
+    policy = STATE.policy(
+        execution="ensemble", replan_interval=1, temporal_ensemble_coeff=0.3, ensemble_weighting=weighting
+    )
+    theirs = ACTTemporalEnsembler(theirs, T)
     generator = torch.Generator().manual_seed(5)
     for _ in range(12):
         batch = {"observation.state": torch.randn(B, 6, generator=generator)}
         expected = theirs.update(policy.predict_action_chunk(batch))
         torch.testing.assert_close(policy.select_action(batch), expected)
+
+
+def test_strided_predictions_are_interpolated():
+    policy, batch = STATE.policy(chunk_stride=3, gripper_dims=[1]), STATE.batch()
+    chunk = policy.predict_action_chunk(batch)
+    keyframes = STATE.policy().predict_action_chunk(batch)
+    assert chunk.shape == (B, 3 * (T - 1) + 1, A)
+    torch.testing.assert_close(chunk[:, ::3], keyframes)
+    torch.testing.assert_close(chunk[:, 2::3, 1], keyframes[:, :-1, 1])
+    assert policy.config.action_delta_indices == [0, 3, 6, 9, 12]
+
+
+@pytest.mark.parametrize("n_action_steps", range(1, 14))
+def test_what_is_executed_does_not_depend_on_how_much_was_decoded(n_action_steps):
+    policy, batch = STATE.policy(chunk_stride=3, n_action_steps=n_action_steps), STATE.batch()
+    expected = policy.predict_action_chunk(batch)[:, :n_action_steps]
+    actions = torch.stack([policy.select_action(batch) for _ in range(n_action_steps)], dim=1)
+    torch.testing.assert_close(actions, expected)
 
 
 def test_tools_can_see_when_the_next_inference_is_due():
