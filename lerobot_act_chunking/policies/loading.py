@@ -29,7 +29,7 @@ def load_policy(path: str | Path) -> LoadedPolicy:
 
     register_third_party_plugins()
     path = str(path)
-    _check_folder(path)
+    check_checkpoint(path)
     config = PreTrainedConfig.from_pretrained(path)
     policy = get_policy_class(config.type).from_pretrained(path, config=config)
     policy.eval()
@@ -38,8 +38,12 @@ def load_policy(path: str | Path) -> LoadedPolicy:
     return LoadedPolicy(policy, *processors)
 
 
-def _check_folder(path: str) -> None:
-    """Refuse what is meant to be a folder and is no checkpoint, before LeRobot looks for it on the hub."""
+def check_checkpoint(path: str) -> None:
+    """Refuse what is meant to be a folder and is no checkpoint, before LeRobot looks for it on the hub.
+
+    Raises:
+        ConfigurationError: the folder does not exist or holds no ``config.json``.
+    """
     if Path(path).exists():
         if not (Path(path) / "config.json").exists():
             raise ConfigurationError(

@@ -1,0 +1,1 @@
+"""`temporal_ensemble`: chunk execution over any other policy."""

@@ -1,0 +1,155 @@
+"""Settings of `temporal_ensemble`."""
+
+import copy
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import draccus
+from lerobot.configs import NormalizationMode, PreTrainedConfig
+from lerobot.optim import LRSchedulerConfig, OptimizerConfig
+
+from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.execution.settings import ExecutionSettings, Mode
+from lerobot_act_chunking.hub.preflight import check_push
+from lerobot_act_chunking.policies.execution_fields import ExecutionFields
+from lerobot_act_chunking.policies.temporal_ensemble.inner import (
+    DETERMINISTIC,
+    chunk_length,
+    decode_inner,
+    read_inner,
+)
+
+
+@PreTrainedConfig.register_subclass("temporal_ensemble")
+@dataclass
+class TemporalEnsembleConfig(ExecutionFields, PreTrainedConfig):
+    """Chunk execution over another policy, the inner one: everything but execution is the inner policy's.
+
+    Name the inner policy by ``inner_path`` or describe it by ``inner``. On construction both become the full
+    ``inner`` with, for an ``inner_path``, its ``pretrained_path``: where a wrapper that is built afresh takes
+    weights and processors from. Saved wrappers hold both themselves and need no path.
+
+    Attributes:
+        inner_path: checkpoint folder or repo id of the inner policy.
+        inner: its ``type`` and any of its settings, as in ``{type: act, chunk_size: 50}``.
+        n_action_steps: how many of a chunk's first actions may be used [control steps]; by default all.
+        execution: how chunks become actions; this and the other fields of execution (``replan_interval``,
+            ``latency_steps``, ``temporal_ensemble_coeff``, ...) are those of `ExecutionSettings`.
+
+    Raises:
+        ConfigurationError: on construction, naming the setting that cannot work.
+    """
+
+    inner_path: str | None = None
+    # Not typed as PreTrainedConfig: draccus would expand the registry within itself for ever.
+    inner: dict[str, Any] | None = None
+    n_action_steps: int | None = None
+    execution: Mode = "ensemble"
+
+    def __post_init__(self) -> None:
+        if (self.inner is None) == (self.inner_path is None):
+            raise ConfigurationError(
+                "temporal_ensemble wraps another policy: set either --policy.inner_path=<checkpoint> or "
+                "--policy.inner='{type: ...}'" + (", not both" if self.inner else "")
+            )
+        settings = self.inner if self.inner_path is None else read_inner(self.inner_path)
+        assert settings is not None  # noqa: S101 (checked above)
+        self.device = self.device or settings.get("device")
+        if self.inner_path is not None:
+            self.use_amp = self.use_amp or settings.get("use_amp", False)
+        super().__post_init__()
+        # The wrapper pushes, if anyone does.
+        self._inner_config = decode_inner(settings, device=self.device, push_to_hub=False, repo_id=None)
+        self.input_features = self.input_features or self._inner_config.input_features
+        self.output_features = self.output_features or self._inner_config.output_features
+        self.n_obs_steps = self._inner_config.n_obs_steps
+        self.inner, self.inner_path = self._encoded(self.inner_config), None
+        self._check_execution()
+
+    def _check_execution(self) -> None:
+        settings, inner = self.execution_settings, self._inner_config.type
+        if settings.execution == "coherence" and inner in DETERMINISTIC:
+            raise ConfigurationError(
+                f"execution=coherence chooses among sampled chunks, but the inner {inner} always predicts "
+                "the same one: choose another mode"
+            )
+
+    @staticmethod
+    def _encoded(inner: PreTrainedConfig) -> dict[str, Any]:
+        return draccus.encode(inner, PreTrainedConfig)  # pyright: ignore[reportReturnType]
+
+    @property
+    def inner_config(self) -> PreTrainedConfig:
+        """The inner policy's configuration, with the features that LeRobot filled in here."""
+        inner = self._inner_config
+        inner.input_features, inner.output_features = self.input_features, self.output_features
+        inner.device = self.device
+        return inner
+
+    @property
+    def inner_source(self) -> str | None:
+        """Where a wrapper that is built afresh takes the inner weights and processors from, if anywhere."""
+        path = self._inner_config.pretrained_path
+        return None if path is None else str(path)
+
+    @property
+    def chunk_size(self) -> int:
+        """How many control steps the inner policy's longest chunk covers."""
+        return chunk_length(self._inner_config)
+
+    @property
+    def execution_settings(self) -> ExecutionSettings:
+        """How chunks are executed, with the mode's defaults filled in."""
+        return self.resolve_execution(self.chunk_size, self.n_action_steps)
+
+    def __getattr__(self, name: str) -> Any:
+        """Optional settings that LeRobot looks for, such as ``drop_n_last_frames`` and ``dtype``."""
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self.inner_config, name)
+
+    def _save_pretrained(self, save_directory: Path) -> None:
+        saved = copy.copy(self)
+        saved.inner = {**self._encoded(self.inner_config), "pretrained_path": None}
+        PreTrainedConfig._save_pretrained(saved, save_directory)
+
+    def validate_features(self) -> None:
+        """Check the inputs and outputs as the inner policy does."""
+        self.inner_config.validate_features()
+
+    def get_optimizer_preset(self) -> OptimizerConfig:
+        """The inner policy's.
+
+        LeRobot asks for it when a fresh run starts, and only then; so this is also where a run whose push at
+        the end cannot succeed is refused.
+
+        Raises:
+            ConfigurationError: naming the ways out, if the run would push and nothing could take the push.
+        """
+        check_push(self)
+        return self.inner_config.get_optimizer_preset()
+
+    def get_scheduler_preset(self) -> LRSchedulerConfig | None:
+        """The inner policy's."""
+        return self.inner_config.get_scheduler_preset()
+
+    @property
+    def normalization_mapping(self) -> dict[str, NormalizationMode]:
+        """The inner policy's."""
+        return self._inner_config.normalization_mapping  # pyright: ignore[reportAttributeAccessIssue]
+
+    @property
+    def observation_delta_indices(self) -> list[int] | None:
+        """Steps of the observations LeRobot loads for the inner policy."""
+        return self._inner_config.observation_delta_indices
+
+    @property
+    def action_delta_indices(self) -> list[int] | None:
+        """Steps of the actions LeRobot loads for the inner policy."""
+        return self._inner_config.action_delta_indices
+
+    @property
+    def reward_delta_indices(self) -> list[int] | None:
+        """Steps of the rewards LeRobot loads for the inner policy."""
+        return self._inner_config.reward_delta_indices

@@ -1,0 +1,121 @@
+"""What has to be known about other policies to take their chunks from them: their configurations."""
+
+import copy
+import json
+from pathlib import Path
+from typing import Any
+
+import draccus
+from draccus.utils import DraccusException
+from huggingface_hub import hf_hub_download
+from huggingface_hub.constants import CONFIG_NAME
+from lerobot.configs import PreTrainedConfig
+
+from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
+from lerobot_act_chunking.policies.loading import check_checkpoint
+
+WRAPPER = "temporal_ensemble"
+DETERMINISTIC = ("act", "act_chunked")
+"""Types that predict one and the same chunk for one observation."""
+
+# What they call their longest chunk; diffusion and multi_task_dit count it from their first observation.
+_CHUNK_NAMES = ("chunk_size", "action_chunk_size", "action_horizon", "n_action_steps")
+_COUNTED_FROM_FIRST_OBSERVATION = ("diffusion", "multi_task_dit")
+
+_NEEDLESS_DOWNLOADS = {"pretrained_backbone_weights": None, "load_vlm_weights": False}
+
+
+def read_inner(path: str) -> dict[str, Any]:
+    """The settings of the checkpoint at ``path`` (a folder or a repo id), to be continued from there.
+
+    Raises:
+        ConfigurationError: there is no such checkpoint.
+    """
+    check_checkpoint(path)
+    try:
+        file = Path(path) / CONFIG_NAME if Path(path).is_dir() else hf_hub_download(path, CONFIG_NAME)
+        settings = json.loads(Path(file).read_text())
+    except (OSError, ValueError) as error:
+        raise ConfigurationError(f"inner_path={path}: its {CONFIG_NAME} cannot be read: {error}") from error
+    return {**settings, "pretrained_path": path}
+
+
+def decode_inner(settings: dict[str, Any], **overrides: Any) -> PreTrainedConfig:
+    """The configuration that ``settings`` (``type`` and any of its fields) describe.
+
+    Raises:
+        ConfigurationError: the type or a field is unknown, or cannot be wrapped.
+    """
+    settings = {**settings, **overrides}
+    policy_type = settings.pop("type", None)
+    types = [name for name in sorted(PreTrainedConfig.get_known_choices()) if name != WRAPPER]
+    if policy_type == WRAPPER:
+        raise ConfigurationError(
+            "the inner policy is itself a temporal_ensemble: load it with --policy.path and change its "
+            "execution there, or name the policy that it wraps"
+        )
+    if policy_type not in types:
+        raise unknown_choice("type of inner policy", policy_type, types)
+    try:
+        config = draccus.decode(PreTrainedConfig.get_choice_class(policy_type), settings)
+    except (DraccusException, ValueError, TypeError, NotImplementedError) as error:
+        raise ConfigurationError(f"settings of the inner policy ({policy_type}): {error}") from error
+    _check_wrappable(config)
+    return config
+
+
+def _check_wrappable(config: PreTrainedConfig) -> None:
+    if config.use_peft:
+        raise ConfigurationError(
+            f"the inner {config.type} is a PEFT adapter: merge it into its base policy first"
+        )
+    if getattr(config, "use_relative_actions", False):
+        raise relative_actions(config.type)
+
+
+def relative_actions(policy_type: str) -> ConfigurationError:
+    """The error for a policy whose chunks cannot be combined."""
+    return ConfigurationError(
+        f"the inner {policy_type} predicts actions relative to the robot's state: each chunk is anchored to "
+        "another state, so overlapping chunks cannot be combined. Wrap a policy with absolute actions"
+    )
+
+
+def chunk_length(config: PreTrainedConfig) -> int:
+    """How many control steps the longest chunk covers that this policy can predict.
+
+    Raises:
+        ConfigurationError: its configuration does not say.
+    """
+    if config.type == "act_chunked":
+        return config.timing.control_steps  # pyright: ignore[reportAttributeAccessIssue]
+    if config.type in _COUNTED_FROM_FIRST_OBSERVATION:
+        return config.horizon - config.n_obs_steps + 1  # pyright: ignore[reportAttributeAccessIssue]
+    for name in _CHUNK_NAMES:
+        length = getattr(config, name, None)
+        if isinstance(length, int):
+            return length
+    raise ConfigurationError(
+        f"policies of type {config.type} cannot be wrapped: their settings have none of "
+        f"{', '.join(_CHUNK_NAMES)}, so they do not predict chunks of a known length"
+    )
+
+
+def for_chunks(config: PreTrainedConfig, *, weights_follow: bool) -> PreTrainedConfig:
+    """A copy of ``config`` whose policy hands out its longest chunks, as they are.
+
+    Args:
+        config: the inner policy's configuration.
+        weights_follow: a checkpoint will fill the network, so pretrained parts need not be fetched.
+    """
+    config = copy.deepcopy(config)
+    changes: dict[str, Any] = {}
+    if config.type in _COUNTED_FROM_FIRST_OBSERVATION:
+        changes["n_action_steps"] = chunk_length(config)
+    if config.type == "act":
+        changes["temporal_ensemble_coeff"] = None
+    if weights_follow:
+        changes |= {name: value for name, value in _NEEDLESS_DOWNLOADS.items() if hasattr(config, name)}
+    for name, value in changes.items():
+        setattr(config, name, value)
+    return config

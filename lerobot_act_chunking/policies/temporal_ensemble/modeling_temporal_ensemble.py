@@ -1,0 +1,184 @@
+"""The `temporal_ensemble` policy: chunk execution over any other policy."""
+
+import inspect
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Literal, Self
+
+import torch
+from lerobot.policies.factory import get_policy_class
+from lerobot.policies.pretrained import PreTrainedPolicy
+from torch import Tensor
+
+from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.execution.executor import ChunkExecutor
+from lerobot_act_chunking.execution.timeline import Environments
+from lerobot_act_chunking.hub.card import extend_card
+from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
+    TemporalEnsembleConfig,
+)
+from lerobot_act_chunking.policies.temporal_ensemble.inner import for_chunks
+from lerobot_act_chunking.policies.temporal_ensemble.observations import Batch, InnerObservations, private
+
+RTC_ARGUMENTS = ("inference_delay", "prev_chunk_left_over")
+
+
+class TemporalEnsemblePolicy(PreTrainedPolicy):
+    """Executes the chunks of an inner policy as its settings say; everything else is the inner policy's.
+
+    Batches are the inner policy's, normalised by its own processors. None is ever changed.
+
+    Attributes:
+        inner: the policy that predicts; its own execution (queues, ensembling) is never used.
+    """
+
+    config_class = TemporalEnsembleConfig  # pyright: ignore[reportAssignmentType]  (LeRobot declares None)
+    name = "temporal_ensemble"  # pyright: ignore[reportAssignmentType]
+
+    def __init__(self, config: TemporalEnsembleConfig, *, load_inner: bool = True, **dataset: Any):
+        """Build the inner policy, from its checkpoint if it has one, and wrap it.
+
+        Args:
+            config: the settings, with input and output features.
+            load_inner: load the inner policy's own checkpoint; not if a checkpoint of the wrapper follows.
+            dataset: LeRobot's ``dataset_stats`` and ``dataset_meta``, for the inner policy.
+
+        Raises:
+            ConfigurationError: the inner checkpoint does not exist.
+        """
+        super().__init__(config)
+        config.validate_features()
+        self.config = config
+        self.inner = _build_inner(config, config.inner_source if load_inner else None, dataset, load_inner)
+        self._observations = InnerObservations(self.inner)
+        self.reset()
+
+    @classmethod
+    def from_pretrained(cls, pretrained_name_or_path: str | Path, **kwargs: Any) -> Self:
+        """Load a checkpoint of the wrapper, inner policy included; one that does not fit is refused."""
+        kwargs = {"strict": True, "load_inner": False, **kwargs}
+        return super().from_pretrained(pretrained_name_or_path, **kwargs)
+
+    def forward(
+        self, batch: Batch, reduction: Literal["mean", "none"] = "mean"
+    ) -> tuple[Tensor, dict[str, Any] | None]:
+        """The inner policy's training loss.
+
+        Args:
+            batch: as the inner policy takes it.
+            reduction: ``mean`` for a scalar; ``none`` for one loss per sample (B,).
+
+        Raises:
+            ConfigurationError: the inner policy does not compute losses per sample.
+        """
+        if reduction == "mean":
+            return self.inner.forward(private(batch))
+        if "reduction" not in _parameters(self.inner.forward):
+            raise ConfigurationError(
+                f"sample weighting needs one loss per sample, which {self.inner.name} does not compute: "
+                "set --sample_weighting=null"
+            )
+        return self.inner.forward(private(batch), reduction=reduction)  # pyright: ignore[reportCallIssue]
+
+    @torch.no_grad()
+    def predict_action_chunk(self, batch: Batch, **kwargs: Any) -> Tensor:
+        """The inner policy's whole chunk of normalised actions (B, T, A); needs no earlier call.
+
+        With an inner policy that observes several steps, each call adds its observations to the history, as
+        `select_action` does: use one or the other in a rollout. Observations with a time axis (B, H, ...)
+        are a history themselves and leave ours alone.
+
+        Args:
+            batch: observations.
+            kwargs: for the inner policy. ``inference_delay`` and ``prev_chunk_left_over`` (real-time
+                chunking) are passed on if it knows them.
+        """
+        if not self._observations.has_own_history(batch):
+            self._observations.observe(batch)
+        if not self._takes_rtc_arguments:
+            kwargs = {name: value for name, value in kwargs.items() if name not in RTC_ARGUMENTS}
+        return self._predict(batch, None, **kwargs)
+
+    @torch.no_grad()
+    def select_action(self, batch: Batch, **_: Any) -> Tensor:
+        """The normalised action (B, A) of this control step. Call `reset` at the start of each rollout."""
+        self._observations.observe(batch)
+        batch_size = self._observations.batch_size(batch)
+        return self._action_queue.step(lambda envs: self._sample(batch, envs), batch_size)
+
+    def _sample(self, batch: Batch, envs: Environments) -> Tensor:
+        """The chunks (n, T, A) that execution asks for; several of each, (N, n, T, A), to choose from."""
+        n_samples = self._action_queue.settings.n_samples
+        chunks = self._predict(batch, envs, n_samples or 1)
+        needed = self._action_queue.settings.n_action_steps
+        if chunks.shape[1] < needed:
+            raise ConfigurationError(
+                f"the inner {self.inner.name} predicts chunks of {chunks.shape[1]} actions, fewer than the "
+                f"{needed} to execute: set --policy.n_action_steps={chunks.shape[1]}"
+            )
+        return chunks if n_samples is None else chunks.unflatten(0, (n_samples, -1))
+
+    def _predict(self, batch: Batch, envs: Environments, n_samples: int = 1, **kwargs: Any) -> Tensor:
+        if self.training:
+            self.eval()
+        return self.inner.predict_action_chunk(
+            self._observations.for_prediction(batch, envs, n_samples), **kwargs
+        )
+
+    def reset(self, envs: Sequence[int] | Tensor | None = None) -> None:
+        """Forget all chunks and observations: a new rollout begins, in all environments or in these alone."""
+        if envs is None:
+            self.inner.reset()
+            self._observations.reset()
+            # LeRobot and its tools look for a queue under this name to learn when the next inference is due.
+            self._action_queue = ChunkExecutor(self.config.execution_settings)
+        else:
+            self._observations.reset(torch.as_tensor(envs, dtype=torch.int64))
+            self._action_queue.reset(envs)
+
+    @property
+    def _takes_rtc_arguments(self) -> bool:
+        parameters = _parameters(self.inner.predict_action_chunk)
+        takes_any = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
+        return takes_any or all(name in parameters for name in RTC_ARGUMENTS)
+
+    def supports_rtc(self) -> bool:
+        """Whether the inner policy continues a chunk that is being executed (real-time chunking)."""
+        return self.inner.supports_rtc() and self._takes_rtc_arguments
+
+    def init_rtc_processor(self) -> None:
+        """Hand the settings of real-time chunking, which LeRobot left in our configuration, to the inner."""
+        initialise = getattr(self.inner, "init_rtc_processor", None)
+        if initialise is not None:
+            vars(self.inner.config)["rtc_config"] = self.config.rtc_config
+            initialise()
+
+    def update(self) -> None:
+        """Let the inner policy follow its weights; LeRobot calls this after every optimiser step."""
+        update = getattr(self.inner, "update", None)
+        if update is not None:
+            update()
+
+    def get_optim_params(self) -> Any:
+        """The inner policy's parameters for the optimiser."""
+        return self.inner.get_optim_params()
+
+    def generate_model_card(self, *args: Any, dataset_meta: Any | None = None, **kwargs: Any) -> Any:
+        """LeRobot's model card, plus what this policy reads and how it acts."""
+        card = super().generate_model_card(*args, dataset_meta=dataset_meta, **kwargs)
+        return extend_card(card, self.config, fps=None if dataset_meta is None else dataset_meta.fps)
+
+
+def _build_inner(
+    config: TemporalEnsembleConfig, source: str | None, dataset: dict[str, Any], load_inner: bool
+) -> PreTrainedPolicy:
+    """The inner policy that hands out whole chunks; with the weights at ``source``, if there is one."""
+    inner = for_chunks(config.inner_config, weights_follow=source is not None or not load_inner)
+    policy_class = get_policy_class(inner.type)
+    if source is None:
+        return policy_class(inner, **dataset)
+    return policy_class.from_pretrained(source, config=inner, **dataset)
+
+
+def _parameters(function: Callable) -> Any:
+    return inspect.signature(function).parameters
