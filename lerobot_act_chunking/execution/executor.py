@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from lerobot_act_chunking.execution.adaptive import AdaptiveEnsemble
 from lerobot_act_chunking.execution.coherence import most_coherent
 from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.execution.timeline import (
@@ -131,6 +132,15 @@ def make_timeline(settings: ExecutionSettings) -> Timeline:
     T, held = settings.n_action_steps, settings.gripper_dims
     if settings.execution == "ensemble":
         return TemporalEnsemble(T, settings.weight_growth, held)
+    if settings.execution == "adaptive":
+        return AdaptiveEnsemble(
+            T,
+            settings.weight_growth,
+            settings.adaptive_kernel or "gate",
+            settings.adaptive_scale or 1.0,
+            settings.overlapping_chunks,
+            held,
+        )
     if settings.execution == "crossfade":
         return CrossFade(T, settings.crossfade_steps or 1, held)
     return NewestChunk(T, held)
