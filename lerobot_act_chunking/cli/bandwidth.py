@@ -1,0 +1,112 @@
+"""``act-chunking bandwidth``: how fast can a policy react that executes overlapping chunks?"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+
+if TYPE_CHECKING:
+    from lerobot_act_chunking.diagnostics.bandwidth.push import PushStudy
+    from lerobot_act_chunking.diagnostics.bandwidth.source import Source
+
+DEFAULT_FPS = 50.0
+
+
+def bandwidth_command(
+    checkpoint: Annotated[
+        str | None,
+        typer.Argument(help="Checkpoint whose execution to analyse (options win over it). [default: ACT's]"),
+    ] = None,
+    chunk_size: Annotated[int | None, typer.Option(help="K: control steps per chunk. [default: 100]")] = None,
+    replan_interval: Annotated[
+        int | None, typer.Option(help="R: control steps between inferences. [default: 1]")
+    ] = None,
+    weighting: Annotated[
+        str | None,
+        typer.Option(help="act (old chunks weigh most), recency or uniform. [default: act]"),
+    ] = None,
+    coeff: Annotated[
+        float | None, typer.Option(help="m: how fast weights change with age [1/step]. [default: 0.01]")
+    ] = None,
+    latency_steps: Annotated[
+        int | None, typer.Option(help="d: control steps that an inference takes. [default: 0]")
+    ] = None,
+    n_action_steps: Annotated[
+        int | None, typer.Option(help="Actions of each chunk that are used. [default: all]")
+    ] = None,
+    execution: Annotated[
+        str | None,
+        typer.Option(help="open_loop, receding, ensemble, crossfade, adaptive, coherence. [default: ensemble]"),
+    ] = None,
+    crossfade_steps: Annotated[int | None, typer.Option(help="Length of a cross-fade.")] = None,
+    fps: Annotated[float | None, typer.Option(help="Control steps per second. [default: 50]")] = None,
+    disturbance_hz: Annotated[
+        float | None, typer.Option(help="Limit: disturbances up to here must be followed [Hz].")
+    ] = None,
+    max_settle_s: Annotated[
+        float | None, typer.Option(help="Limit: 90 % of a correction within this time [s].")
+    ] = None,
+    loop_gain: Annotated[
+        float | None, typer.Option(help="Limit: share of an error that one step's command removes.")
+    ] = None,
+    env: Annotated[
+        str | None,
+        typer.Option(help="transfer_cube or insertion: push the object in simulation. Needs a checkpoint."),
+    ] = None,
+    push_m: Annotated[float, typer.Option(help="Length of the push along x [m].")] = 0.03,
+    push_step: Annotated[int, typer.Option(help="Control step of the push.")] = 25,
+    episodes: Annotated[int, typer.Option(help="Episodes with and without a push.")] = 10,
+    seed: Annotated[int, typer.Option(help="Seed of the first episode.")] = 1000,
+    json: Annotated[Path | None, typer.Option(help="Write every number to this file.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Draw a PNG.")] = None,
+) -> None:
+    """How fast the executed command follows what the plan did not foresee, in closed form and measured.
+
+    Exit status: 0 within the limits given (or none given), 1 beyond them, 2 cannot be judged.
+    """
+    from lerobot_act_chunking.diagnostics.bandwidth.advice import Limits
+    from lerobot_act_chunking.diagnostics.bandwidth.card import print_card
+    from lerobot_act_chunking.diagnostics.bandwidth.report import analyse
+    from lerobot_act_chunking.diagnostics.bandwidth.source import read_source
+
+    limits = Limits(disturbance_hz, max_settle_s, loop_gain)
+    source = read_source(
+        checkpoint,
+        {
+            "chunk_size": chunk_size,
+            "n_action_steps": n_action_steps,
+            "execution": execution,
+            "replan_interval": replan_interval,
+            "latency_steps": latency_steps,
+            "ensemble_weighting": weighting,
+            "temporal_ensemble_coeff": coeff,
+            "crossfade_steps": crossfade_steps,
+        },
+    )
+    push = None
+    if env is not None:
+        push = _push(source, task=env, push_m=push_m, push_step=push_step, episodes=episodes, seed=seed)
+        fps = fps or push.fps
+    report = analyse(source, DEFAULT_FPS if fps is None else fps, limits, push)
+    console = Console()
+    print_card(report, console)
+    _write(report, console, json, out)
+    raise typer.Exit(report.exit_code)
+
+
+def _write(report: Any, console: Console, json: Path | None, out: Path | None) -> None:
+    from lerobot_act_chunking.diagnostics.bandwidth.plots import plot_report
+    from lerobot_act_chunking.diagnostics.bandwidth.push_plot import plot_push
+
+    if json is not None:
+        console.print(f"numbers: {report.write_json(json)}", soft_wrap=True)
+    if out is not None:
+        plot = plot_report if report.push is None else plot_push
+        console.print(f"picture: {plot(report, out)}", soft_wrap=True)
+
+
+def _push(source: "Source", **options: Any) -> "PushStudy":
+    from lerobot_act_chunking.diagnostics.bandwidth.push import study_push
+
+    return study_push(source, **options)

@@ -1,0 +1,122 @@
+"""Which execution is analysed: a checkpoint's, with explicit options on top of it."""
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.execution.settings import ExecutionSettings
+
+# ACT's own numbers, for when there is no checkpoint.
+_ACT = {"chunk_size": 100, "execution": "ensemble", "replan_interval": 1}
+_SURVIVE_ANOTHER_MODE = ("chunk_size", "n_action_steps", "latency_steps", "gripper_dims")
+_ENSEMBLE_ONLY = ("temporal_ensemble_coeff", "ensemble_weighting")
+
+
+@dataclass(frozen=True)
+class Source:
+    """An execution and where it was read from."""
+
+    settings: ExecutionSettings
+    checkpoint: str | None = None
+    policy_type: str | None = None
+
+
+def read_source(checkpoint: str | None, overrides: dict[str, Any]) -> Source:
+    """The execution of a checkpoint, or ACT's without one, with other values for some settings.
+
+    Naming a coefficient or a weighting asks for an ensemble, naming ``crossfade_steps`` for a cross-fade.
+    Another mode than the checkpoint's keeps its chunk, ``n_action_steps``, latency and grippers only.
+
+    Args:
+        checkpoint: folder or repo id of any policy that predicts chunks; only its configuration is read.
+        overrides: fields of `ExecutionSettings`; None leaves a field as it is.
+
+    Raises:
+        ConfigurationError: no such checkpoint, a policy without chunks, or settings that cannot work.
+    """
+    given = {name: value for name, value in overrides.items() if value is not None}
+    if checkpoint is None:
+        return Source(_settings(_ACT, given))
+    config = read_config(checkpoint)
+    return Source(_settings(_execution_of(config), given), checkpoint, config.type)
+
+
+def read_config(checkpoint: str) -> Any:
+    """The configuration of a LeRobot checkpoint of any type, ours or not.
+
+    Raises:
+        ConfigurationError: there is no checkpoint.
+    """
+    from lerobot.configs import PreTrainedConfig
+    from lerobot.utils.import_utils import register_third_party_plugins
+
+    from lerobot_act_chunking.policies.loading import check_checkpoint
+
+    register_third_party_plugins()
+    check_checkpoint(checkpoint)
+    return PreTrainedConfig.from_pretrained(checkpoint)
+
+
+def _execution_of(config: Any) -> dict[str, Any]:
+    """The fields of `ExecutionSettings` that a policy's configuration implies."""
+    from lerobot_act_chunking.policies.execution_fields import ExecutionFields
+    from lerobot_act_chunking.policies.temporal_ensemble.inner import chunk_length
+
+    if isinstance(config, ExecutionFields):
+        execution = {field.name: getattr(config, field.name) for field in fields(ExecutionFields)}
+        settings = config.execution_settings  # pyright: ignore[reportAttributeAccessIssue]
+        return execution | {"chunk_size": settings.chunk_size, "n_action_steps": settings.n_action_steps}
+    coeff = getattr(config, "temporal_ensemble_coeff", None)
+    if coeff is not None:  # LeRobot's ACT, which then replans at every step; a negative sign means recency
+        return {
+            "chunk_size": config.chunk_size,
+            "execution": "ensemble",
+            "replan_interval": 1,
+            "temporal_ensemble_coeff": abs(coeff),
+            "ensemble_weighting": "recency" if coeff < 0 else "act",
+        }
+    return {"chunk_size": chunk_length(config), "n_action_steps": getattr(config, "n_action_steps", None)}
+
+
+def _settings(base: dict[str, Any], given: dict[str, Any]) -> ExecutionSettings:
+    mode = given.get("execution") or _implied_mode(base, given)
+    if mode != base.get("execution", "open_loop"):
+        base = {name: base[name] for name in _SURVIVE_ANOTHER_MODE if name in base}
+    if "ensemble_weighting" in given:
+        base = {**base, "temporal_ensemble_coeff": None}
+    if given.get("chunk_size", base["chunk_size"]) < (base.get("n_action_steps") or 0):
+        base = {**base, "n_action_steps": None}
+    if mode == "open_loop" and "n_action_steps" in given:
+        base = {**base, "replan_interval": None}
+    merged = {**base, **given, "execution": mode}
+    merged["gripper_dims"] = tuple(merged.get("gripper_dims", ()))
+    if "execution" not in given and _one_chunk_at_a_time(merged):
+        merged = {name: value for name, value in merged.items() if name not in _ENSEMBLE_ONLY}
+        merged["execution"] = "open_loop"
+    return ExecutionSettings(**merged)
+
+
+def _implied_mode(base: dict[str, Any], given: dict[str, Any]) -> str:
+    mode = base.get("execution", "open_loop")
+    if "crossfade_steps" in given:
+        return "crossfade"
+    if any(name in given for name in _ENSEMBLE_ONLY) and mode != "adaptive":
+        return "ensemble"
+    return mode
+
+
+def _one_chunk_at_a_time(merged: dict[str, Any]) -> bool:
+    """Each chunk runs to its end: an ensemble of one, whatever its weights."""
+    used = merged.get("n_action_steps") or merged["chunk_size"]
+    return merged["execution"] == "ensemble" and merged.get("replan_interval") == used
+
+
+def check_positive(**values: float | None) -> None:
+    """Refuse values that must be positive where given.
+
+    Raises:
+        ConfigurationError: naming the option and its value.
+    """
+    for name, value in values.items():
+        if value is not None and not 0 < value < float("inf"):
+            raise ConfigurationError(f"{name}={value} must be a positive number")
