@@ -1,6 +1,7 @@
 """What has to be known about other policies to take their chunks from them: their configurations."""
 
 import copy
+import importlib
 import json
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from draccus.utils import DraccusException
 from huggingface_hub import hf_hub_download
 from huggingface_hub.constants import CONFIG_NAME
 from lerobot.configs import PreTrainedConfig
+from lerobot.utils.import_utils import register_third_party_plugins
 
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 from lerobot_act_chunking.policies.loading import check_checkpoint
@@ -48,20 +50,32 @@ def decode_inner(settings: dict[str, Any], **overrides: Any) -> PreTrainedConfig
     """
     settings = {**settings, **overrides}
     policy_type = settings.pop("type", None)
-    types = [name for name in sorted(PreTrainedConfig.get_known_choices()) if name != WRAPPER]
     if policy_type == WRAPPER:
         raise ConfigurationError(
             "the inner policy is itself a temporal_ensemble: load it with --policy.path and change its "
             "execution there, or name the policy that it wraps"
         )
-    if policy_type not in types:
-        raise unknown_choice("type of inner policy", policy_type, types)
+    _check_known(policy_type)
     try:
         config = draccus.decode(PreTrainedConfig.get_choice_class(policy_type), settings)
     except (DraccusException, ValueError, TypeError, NotImplementedError) as error:
-        raise ConfigurationError(f"settings of the inner policy ({policy_type}): {error}") from error
+        reason = f"{error} {_root(error)}" if error.__cause__ else error
+        raise ConfigurationError(f"settings of the inner policy ({policy_type}): {reason}") from error
     _check_wrappable(config)
     return config
+
+
+def _root(error: BaseException) -> BaseException:
+    return error if error.__cause__ is None else _root(error.__cause__)
+
+
+def _check_known(policy_type: object) -> None:
+    importlib.import_module("lerobot.policies")  # registers LeRobot's own types
+    if policy_type not in PreTrainedConfig.get_known_choices():
+        register_third_party_plugins()
+    types = PreTrainedConfig.get_known_choices().keys() - {WRAPPER}
+    if policy_type not in types:
+        raise unknown_choice("type of inner policy", policy_type, sorted(types))
 
 
 def _check_wrappable(config: PreTrainedConfig) -> None:
