@@ -37,7 +37,9 @@ def bandwidth_command(
     ] = None,
     execution: Annotated[
         str | None,
-        typer.Option(help="open_loop, receding, ensemble, crossfade, adaptive, coherence. [default: ensemble]"),
+        typer.Option(
+            help="open_loop, receding, ensemble, crossfade, adaptive, coherence. [default: ensemble]"
+        ),
     ] = None,
     crossfade_steps: Annotated[int | None, typer.Option(help="Length of a cross-fade.")] = None,
     fps: Annotated[float | None, typer.Option(help="Control steps per second. [default: 50]")] = None,
@@ -55,7 +57,7 @@ def bandwidth_command(
         typer.Option(help="transfer_cube or insertion: push the object in simulation. Needs a checkpoint."),
     ] = None,
     push_m: Annotated[float, typer.Option(help="Length of the push along x [m].")] = 0.03,
-    push_step: Annotated[int, typer.Option(help="Control step of the push.")] = 25,
+    push_step: Annotated[int, typer.Option(help="Control step of the push.")] = 40,
     episodes: Annotated[int, typer.Option(help="Episodes with and without a push.")] = 10,
     seed: Annotated[int, typer.Option(help="Seed of the first episode.")] = 1000,
     json: Annotated[Path | None, typer.Option(help="Write every number to this file.")] = None,
@@ -96,14 +98,19 @@ def bandwidth_command(
 
 
 def _write(report: Any, console: Console, json: Path | None, out: Path | None) -> None:
-    from lerobot_act_chunking.diagnostics.bandwidth.plots import plot_report
-    from lerobot_act_chunking.diagnostics.bandwidth.push_plot import plot_push
-
     if json is not None:
         console.print(f"numbers: {report.write_json(json)}", soft_wrap=True)
-    if out is not None:
-        plot = plot_report if report.push is None else plot_push
-        console.print(f"picture: {plot(report, out)}", soft_wrap=True)
+    if out is None:
+        return
+    if report.push is None:
+        from lerobot_act_chunking.diagnostics.bandwidth.plots import plot_report
+
+        plot_report(report, out)
+    else:
+        from lerobot_act_chunking.diagnostics.bandwidth.push_plot import plot_push
+
+        plot_push(report.push, out)
+    console.print(f"picture: {out}", soft_wrap=True)
 
 
 def _push(source: "Source", **options: Any) -> "PushStudy":

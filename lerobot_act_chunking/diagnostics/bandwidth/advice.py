@@ -1,12 +1,10 @@
 """What a task needs from the filter, whether it gets it, and which settings would give it."""
 
 from dataclasses import dataclass
-from itertools import product
 
 from lerobot_act_chunking.diagnostics.bandwidth.closed_form import (
     ClosedForm,
     ensemble_weights,
-    filter_for,
     in_hertz,
 )
 from lerobot_act_chunking.diagnostics.bandwidth.filter import (
@@ -111,7 +109,7 @@ def judge(figures: ClosedForm, limits: Limits, fps: float) -> list[str]:
     settle = figures.phases["worst"].settle_90_steps / fps
     if limits.max_settle_s is not None and settle > limits.max_settle_s:
         reasons.append(
-            f"90 % of a correction takes up to {settle:.2f} s, longer than the {limits.max_settle_s:g} s allowed"
+            f"90 % of a correction takes up to {settle:.2f} s; allowed are {limits.max_settle_s:g} s"
         )
     if limits.loop_gain is not None and figures.k_max < thresholds["min_k_max"]:
         reasons.append(

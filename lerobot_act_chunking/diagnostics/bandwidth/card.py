@@ -1,11 +1,16 @@
 """The diagnosis on a terminal."""
 
+from typing import TYPE_CHECKING
+
 from rich.console import Console
 from rich.table import Table
 
-from lerobot_act_chunking.diagnostics.bandwidth.closed_form import ClosedForm, PhaseSettle
+from lerobot_act_chunking.diagnostics.bandwidth.closed_form import ClosedForm, PhaseSettle, StartUp
 from lerobot_act_chunking.diagnostics.bandwidth.report import BandwidthReport
 from lerobot_act_chunking.execution.settings import ExecutionSettings
+
+if TYPE_CHECKING:
+    from lerobot_act_chunking.diagnostics.bandwidth.push import PushStudy
 
 _COLOURS = {"pass": "green", "warn": "yellow", "fail": "red", "inconclusive": "yellow"}
 
@@ -18,7 +23,7 @@ def print_card(report: BandwidthReport, console: Console) -> None:
         table.add_row(*row)
     console.print(table)
     if report.push is not None:
-        console.print(report.push.table())
+        console.print(_push_table(report.push))
     for note in report.notes:
         console.print(f"[dim]- {note}[/]", highlight=False)
     colour = _COLOURS[report.verdict]
@@ -35,6 +40,24 @@ def describe(settings: ExecutionSettings) -> str:
     if settings.latency_steps:
         parts.append(f"d={settings.latency_steps}")
     return ", ".join(parts)
+
+
+def _push_table(push: "PushStudy") -> Table:
+    title = (
+        f"{push.task}, object pushed {push.push_m:g} m at step {push.push_step}, {len(push.seeds)} episodes"
+    )
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    for name in ("execution", "90 % after", "formula", "pushed", "not pushed"):
+        table.add_column(name)
+    for response in push.responses:
+        settles = response.settle_90_steps, response.expected_settle_90_steps
+        table.add_row(
+            describe(response.settings),
+            *("-" if steps is None else f"{steps / push.fps:.2f} s" for steps in settles),
+            f"{response.successes}/{len(push.seeds)}",
+            f"{response.undisturbed_successes}/{len(push.seeds)}",
+        )
+    return table
 
 
 def _title(report: BandwidthReport) -> str:
@@ -75,13 +98,20 @@ def _figures(figures: ClosedForm, fps: float) -> list[tuple[str, str]]:
         rows.append(("... mean over phases", _settle(figures.phases["mean"], fps)))
         rows.append(("... worst phase", _settle(worst, fps)))
     if figures.start_up:
-        early = [f"{row.settle_90_steps} at {row.event_step}" for row in figures.start_up]
-        rows.append(("90 % after a reset", f"steps by step of the event: {', '.join(early)}"))
+        rows.append(("90 % after a reset", _start_up(figures.start_up)))
     return [
         *rows,
         ("averages", f"{figures.effective_samples:.1f} independent chunks' worth"),
         ("loop gain limit", f"{figures.k_max:.3g} per step"),
     ]
+
+
+def _start_up(rows: list[StartUp]) -> str:
+    """Settle times up to the first event that finds the steady state."""
+    steady = rows[-1].settle_90_steps
+    early = [f"{row.settle_90_steps} steps at step {row.event_step}" for row in rows]
+    kept = next(i for i, row in enumerate(rows) if row.settle_90_steps == steady)
+    return ", ".join([*early[:kept], f"{early[kept]} and later"])
 
 
 def _bandwidth(figures: ClosedForm) -> str:

@@ -10,7 +10,7 @@ from lerobot_act_chunking.diagnostics.bandwidth.filter import (
     ensemble_filter,
     newest_chunk_filter,
     settle_steps,
-    start_up_settle,
+    start_up_step,
 )
 from lerobot_act_chunking.diagnostics.bandwidth.stability import gain_limit
 from lerobot_act_chunking.execution.settings import ExecutionSettings
@@ -92,7 +92,7 @@ class ClosedForm:
 
 
 def closed_form(settings: ExecutionSettings, fps: float) -> ClosedForm | None:
-    """The figures of ``settings`` at ``fps`` control steps per second; None if no linear filter describes it."""
+    """The figures of ``settings`` at ``fps`` steps per second; None if no linear filter describes it."""
     kernel = filter_for(settings)
     if kernel is None:
         return None
@@ -179,10 +179,8 @@ def _start_up(settings: ExecutionSettings, kernel: InnovationFilter) -> list[Sta
     weighting, coeff = ensemble_weights(settings)
     interval, size = kernel.replan_interval, len(kernel.impulse)
     events = sorted({-(-max(1, size // part) // interval) * interval for part in (size, 10, 4, 2, 1)})
-    return [
-        StartUp(
-            event,
-            **{name: start_up_settle(kernel, weighting, coeff, event, share) for name, share in SHARES.items()},
-        )
-        for event in events
-    ]
+    rows = []
+    for event in events:
+        shares = start_up_step(kernel, weighting, coeff, event)
+        rows.append(StartUp(event, **{name: settle_steps(shares, share) for name, share in SHARES.items()}))
+    return rows

@@ -40,7 +40,7 @@ class InnovationFilter:
         return len(self.impulse) - 1
 
     def phase_weights(self, phase: int) -> tuple[np.ndarray, np.ndarray]:
-        """Ages [control steps] and weights (sum 1) of the chunks used at steps t with ``t mod R == phase``."""
+        """Ages [control steps] and weights (sum 1) of the chunks used where ``t mod R == phase``."""
         ages = ages_used(phase, len(self.impulse), self.replan_interval, self.latency)
         return ages, self.replan_interval * self.impulse[ages]
 
@@ -61,14 +61,8 @@ class InnovationFilter:
         below = np.flatnonzero(np.abs(np.fft.rfft(self.impulse, points)) < HALF_POWER)
         if not below.size:
             return None
-        return float(
-            brentq(
-                lambda frequency: abs(self.response(frequency)[0]) - HALF_POWER,
-                (below[0] - 1) / points,
-                below[0] / points,
-                xtol=1e-15,
-            )
-        )
+        low, high = (below[0] - 1) / points, below[0] / points
+        return brentq(lambda f: abs(self.response(f)[0]) - HALF_POWER, low, high, xtol=1e-15)  # pyright: ignore[reportReturnType]
 
     @property
     def group_delay(self) -> float:
@@ -107,8 +101,9 @@ def ages_used(step: int, chunk_size: int, replan_interval: int, latency: int) ->
 
 
 def settle_steps(shares: np.ndarray, share: float) -> int:
-    """The first step at which a step response has reached ``share``."""
-    return int(np.argmax(shares >= share - ROUNDING))
+    """The step from which on a step response stays at ``share`` or above; its length if it never does."""
+    below = np.flatnonzero(shares < share - ROUNDING)
+    return int(below[-1]) + 1 if below.size else 0
 
 
 def chunk_weights(n_chunks: int, weighting: str, decay: float) -> np.ndarray:
@@ -146,9 +141,10 @@ def ensemble_filter(
 
 
 def newest_chunk_filter(replan_interval: int, latency: int, fade: int = 0) -> InnovationFilter:
-    """The newest chunk, blended in over ``fade`` steps; without a fade, nothing but the newest chunk.
+    """The newest chunk, blended in over ``fade`` steps.
 
-    Without a fade: a dead time of d .. d + R - 1 steps and no averaging. With one, a chunk of age j takes the share ``min(1, (j - d + 1) / (fade + 1))`` of what the older ones left it.
+    Without a fade: a dead time of d .. d + R - 1 steps and no averaging. With one, a chunk of age j takes the
+    share ``min(1, (j - d + 1) / (fade + 1))`` of what the older ones left it.
     """
     impulse = np.zeros(latency + fade + replan_interval)
     for phase in range(replan_interval):
@@ -159,23 +155,19 @@ def newest_chunk_filter(replan_interval: int, latency: int, fade: int = 0) -> In
     return InnovationFilter(impulse, replan_interval, latency)
 
 
-def start_up_settle(
-    steady: InnovationFilter, weighting: str, coeff: float, event: int, share: float
-) -> int:
-    """Settle time [control steps] of an event soon after a reset, when few old chunks hold the command back.
+def start_up_step(steady: InnovationFilter, weighting: str, coeff: float, event: int) -> np.ndarray:
+    """(K,) share of a step executed n control steps after it, where few old chunks hold it back.
 
     Args:
         steady: the ensemble once K steps have passed.
         weighting: see `chunk_weights`.
         coeff: m [1/control step].
-        event: step of the event since the reset, a multiple of R (its first chunk sees it).
-        share: the share to reach, in (0, 1).
+        event: step of the event since the reset; a chunk computed there sees it.
     """
-    interval = steady.replan_interval
-    for delay in range(steady.latency, steady.full_response(0)):
-        covering = min(event + delay + 1, len(steady.impulse))
-        ages = ages_used(event + delay, covering, interval, steady.latency)
-        weights = chunk_weights(len(ages), weighting, coeff * interval)
-        if weights[ages <= delay].sum() >= share - ROUNDING:
-            return delay
-    return steady.full_response(0)
+    interval, latency = steady.replan_interval, steady.latency
+    shares = np.zeros(len(steady.impulse))
+    for delay in range(latency, len(shares)):
+        covering = min(event + delay + 1, len(shares))
+        ages = ages_used(event + delay, covering, interval, latency)
+        shares[delay] = chunk_weights(len(ages), weighting, coeff * interval)[ages <= delay].sum()
+    return np.minimum(shares, 1.0)

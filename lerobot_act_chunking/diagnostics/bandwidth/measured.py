@@ -83,7 +83,7 @@ def execute(settings: ExecutionSettings, innovations: Innovations, n_steps: int)
 
 
 def _step_errors(settings: ExecutionSettings, kernel: InnovationFilter) -> tuple[float, float]:
-    """Errors of the step response and of the plan; action dimension p has its event p steps after a replan."""
+    """Errors of the step response and of the plan; dimension p has its event p steps after a replan."""
     interval = kernel.replan_interval
     start = -(-settings.n_action_steps // interval) * interval  # a replan, with every cell in steady state
     events = start + np.arange(interval)
@@ -92,7 +92,7 @@ def _step_errors(settings: ExecutionSettings, kernel: InnovationFilter) -> tuple
     errors = []
     for column, event in enumerate(events):
         expected = np.ones(n_steps - event)
-        shares = kernel.step(wait=-event % interval)[: len(expected)]
+        shares = kernel.step(wait=int(-event % interval))[: len(expected)]
         expected[: len(shares)] = shares
         errors.append(np.abs(executed[event:, column] - expected).max())
     return float(max(errors)), float(np.abs(executed[:start]).max())

@@ -57,9 +57,7 @@ def _measured(size: float, shares: np.ndarray) -> MeasuredStep:
     return MeasuredStep(size, settle_steps(shares, 0.9), shares.tolist())
 
 
-def _execute(
-    settings: ExecutionSettings, offsets: Callable[[int], np.ndarray], n_steps: int
-) -> np.ndarray:
+def _execute(settings: ExecutionSettings, offsets: Callable[[int], np.ndarray], n_steps: int) -> np.ndarray:
     """Commands (n_steps, B, A) of a policy whose chunks are constant, offsets (N, B, 1, A) per step."""
     executor = ChunkExecutor(settings)
     step = 0

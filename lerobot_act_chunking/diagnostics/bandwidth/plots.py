@@ -7,11 +7,12 @@ import numpy as np
 
 from lerobot_act_chunking.diagnostics.bandwidth.card import describe
 from lerobot_act_chunking.diagnostics.bandwidth.closed_form import filter_for
-from lerobot_act_chunking.diagnostics.bandwidth.filter import HALF_POWER, InnovationFilter
+from lerobot_act_chunking.diagnostics.bandwidth.filter import InnovationFilter
 from lerobot_act_chunking.diagnostics.bandwidth.report import BandwidthReport
 
 _FLOOR_DB = -40.0
 _POINTS = 2000
+_LOWEST_DEG = -720.0
 _UNIFORM = 0.443  # -3 dB frequency times length of a long moving average
 
 
@@ -60,28 +61,32 @@ def _draw_gain(ax: Any, report: BandwidthReport, kernel: InnovationFilter) -> No
         ax.axvline(bandwidth, color="0.6", linewidth=0.8, linestyle="--")
         ax.annotate(f"{bandwidth:.3g} Hz", (bandwidth, _FLOOR_DB), (4, 4), textcoords="offset points")
     _mark_disturbance(ax, report)
-    ax.set(xlabel="frequency [Hz]", ylabel="gain |H| [dB]", ylim=(_FLOOR_DB, 3))
+    span = frequency[0] * report.fps, report.fps / 2
+    ax.set(xlabel="frequency [Hz]", ylabel="gain |H| [dB]", xlim=span, ylim=(_FLOOR_DB, 3))
     ax.legend(loc="lower left", fontsize=8)
     ax.grid(alpha=0.3)
+    _label_logarithmic(ax.xaxis)
 
 
 def _draw_phase(ax: Any, report: BandwidthReport, kernel: InnovationFilter) -> None:
-    """Up to the first frequency at which hardly anything is left: beyond, phases mean nothing."""
+    """Two turns at most: where the phase goes on from there, hardly anything is left."""
     frequency = _frequencies(kernel)
-    response = kernel.response(frequency)
-    gone = np.abs(response) < 10 ** (_FLOOR_DB / 20)
-    end = int(np.argmax(gone)) if gone.any() else len(frequency)
-    ax.semilogx(frequency[:end] * report.fps, np.degrees(np.unwrap(np.angle(response[:end]))))
+    phase = np.degrees(np.unwrap(np.angle(kernel.response(frequency))))
+    ax.semilogx(frequency * report.fps, phase)
     _mark_disturbance(ax, report)
-    ax.set(
-        xlabel="frequency [Hz]", ylabel="phase of H [deg]", xlim=(frequency[0] * report.fps, report.fps / 2)
-    )
+    low = max(_LOWEST_DEG, float(phase.min()))
+    span = frequency[0] * report.fps, report.fps / 2
+    ax.set(xlabel="frequency [Hz]", ylabel="phase of H [deg]", xlim=span, ylim=(low - 20, 20))
+    ax.set_yticks(np.arange(0, low - 1, -180))
     ax.grid(alpha=0.3)
+    _label_logarithmic(ax.xaxis)
 
 
 def _mark_disturbance(ax: Any, report: BandwidthReport) -> None:
     if report.limits.disturbance_hz is not None:
-        ax.axvline(report.limits.disturbance_hz, color="tab:red", linewidth=1, label="disturbance")
+        ax.axvline(
+            report.limits.disturbance_hz, color="black", linewidth=1, linestyle=":", label="disturbance"
+        )
 
 
 def _draw_steps(ax: Any, report: BandwidthReport, kernel: InnovationFilter) -> None:
@@ -101,7 +106,7 @@ def _draw_steps(ax: Any, report: BandwidthReport, kernel: InnovationFilter) -> N
         ax.step(time, np.concatenate([[0], padded]), where="post", label=label, color=colour)
     ax.axhline(0.9, color="0.6", linewidth=0.8, linestyle="--")
     if report.limits.max_settle_s is not None:
-        ax.axvline(report.limits.max_settle_s, color="tab:red", linewidth=1, label="allowed")
+        ax.axvline(report.limits.max_settle_s, color="black", linewidth=1, linestyle=":", label="allowed")
     ax.set(xlabel="time since the event [s]", ylabel="share of the correction", ylim=(-0.03, 1.05))
     ax.legend(loc="lower right", fontsize=8)
     ax.grid(alpha=0.3)
@@ -109,7 +114,9 @@ def _draw_steps(ax: Any, report: BandwidthReport, kernel: InnovationFilter) -> N
 
 def _draw_impulse(ax: Any, kernel: InnovationFilter) -> None:
     ax.bar(np.arange(len(kernel.impulse)), kernel.impulse, width=1.0, color="tab:blue")
-    ax.axvline(kernel.group_delay, color="tab:red", linewidth=1, label=f"delay {kernel.group_delay:.1f} steps")
+    ax.axvline(
+        kernel.group_delay, color="tab:red", linewidth=1, label=f"delay {kernel.group_delay:.1f} steps"
+    )
     ax.set(xlabel="age of the chunk [control steps]", ylabel="weight (mean over phases)")
     ax.margins(y=0.25)
     ax.legend(loc="upper center", fontsize=8)
@@ -136,9 +143,11 @@ def _draw_sweep(bandwidths: Any, settles: Any, report: BandwidthReport) -> None:
     sizes = [point.size for point in report.sweep]
     settles.loglog(sizes, [max(point.settle_90_steps, 1) / report.fps for point in report.sweep], ".-")
     for ax, what in ((bandwidths, "bandwidth [Hz]"), (settles, "90 % of a step [s]")):
-        ax.axvline(present, color="tab:red", linewidth=1)
+        ax.axvline(present, color="0.6", linewidth=1, linestyle="--")
         ax.set(xlabel=label, ylabel=what)
-        ax.grid(alpha=0.3, which="both")
+        ax.grid(alpha=0.3)
+        _label_logarithmic(ax.xaxis)
+        _label_logarithmic(ax.yaxis)
 
 
 def _draw_measured_steps(ax: Any, report: BandwidthReport) -> None:
@@ -149,6 +158,15 @@ def _draw_measured_steps(ax: Any, report: BandwidthReport) -> None:
     ax.set(xlabel="time since the event [s]", ylabel="share of the step executed (measured)")
     ax.legend(title="step of", loc="lower right", fontsize=8)
     ax.grid(alpha=0.3)
+
+
+def _label_logarithmic(axis: Any) -> None:
+    """Ticks at 1, 2 and 5 times powers of ten, as plain numbers."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _decibels(response: np.ndarray) -> np.ndarray:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from lerobot_act_chunking.diagnostics.bandwidth.push import PushStudy
 
 LATE = 0.5
-"""Share of a disturbance that the command may miss; at a third of its bandwidth a moving average misses 46 %."""
+"""Share of a disturbance that may be missed; a moving average misses 46 % at a third of its bandwidth."""
 
 EXIT_CODES = {"pass": 0, "warn": 0, "fail": 1, "inconclusive": 2}
 
@@ -37,15 +37,15 @@ PLAN_PASSES = (
     "Only innovations are filtered: what all chunks agree on, the plan, passes with gain 1 and no delay."
 )
 SAME_GAIN = (
-    "act and recency with the same coefficient have the same gain |H| and bandwidth (one is the other reversed "
-    "in time); they differ in delay: the group delays add up to {sum} steps."
+    "act and recency with the same coefficient have the same gain |H| and bandwidth (one is the other "
+    "reversed in time); they differ in delay: the group delays add up to {sum} steps."
 )
 SETTLE_IS_WINDOW = (
     "All of a correction takes as long as chunks are used, whatever the weights: the first-order low-pass of "
     "the textbook is only the limit of recency weights that fade well within a chunk."
 )
 SAMPLED_PLAN = (
-    "Without averaging the newest chunk decides alone: a dead time until the next inference, then all at once."
+    "Without averaging the newest chunk decides alone: dead time until the next inference, then all at once."
 )
 NO_FORMULA = (
     "The weights depend on what the chunks say, so there is no transfer function: the step responses "
@@ -145,7 +145,9 @@ def analyse(source: Source, fps: float, limits: Limits, push: "PushStudy | None"
     steps = measure_steps(settings) if kernel is None else []
     at_disturbance = None
     if kernel is not None and limits.disturbance_hz is not None:
-        at_disturbance = _at_disturbance(kernel.response(limits.disturbance_hz / fps)[0], limits.disturbance_hz)
+        at_disturbance = _at_disturbance(
+            kernel.response(limits.disturbance_hz / fps)[0], limits.disturbance_hz
+        )
     verdict, reasons = (
         _verdict_on_steps(steps, settings.replan_interval, limits, fps)
         if figures is None or agreement is None
@@ -191,8 +193,8 @@ def _verdict(
         return "fail", reasons
     if disturbed is not None and disturbed.missed > LATE:
         return "warn", [
-            f"at {disturbed.frequency_hz:g} Hz the command follows so late that {disturbed.missed:.0%} of the "
-            "disturbance is left uncorrected"
+            f"at {disturbed.frequency_hz:g} Hz the command follows so late that {disturbed.missed:.0%} of "
+            "the disturbance is left uncorrected"
         ]
     return "pass", [_nothing_wrong(limits)]
 
@@ -202,7 +204,9 @@ def _verdict_on_steps(
 ) -> tuple[str, list[str]]:
     settle = (max(step.settle_90_steps for step in steps) + replan_interval - 1) / fps
     if limits.max_settle_s is not None and settle > limits.max_settle_s:
-        return "fail", [f"90 % of a step takes up to {settle:.2f} s, measured; allowed: {limits.max_settle_s:g} s"]
+        return "fail", [
+            f"90 % of a step takes up to {settle:.2f} s, measured; allowed: {limits.max_settle_s:g} s"
+        ]
     if limits.disturbance_hz is not None or limits.loop_gain is not None:
         return "inconclusive", ["this mode has no transfer function to hold against a frequency or a gain"]
     return "pass", [_nothing_wrong(limits)]

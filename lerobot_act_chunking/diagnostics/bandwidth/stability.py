@@ -11,8 +11,8 @@ _CLOSE = 0.9
 def gain_limit(kernel: InnovationFilter) -> float:
     """Largest stable gain k [1/control step] of the loop ``x(t+1) = x(t) - k a(t)``.
 
-    Here ``a`` is the executed command when every chunk demands the correction ``x`` it observed, for its whole
-    length. That is the slowest honest policy: one that plans its own correction tolerates more.
+    Here ``a`` is the executed command when every chunk demands the correction ``x`` it observed, for its
+    whole length. That is the slowest honest policy: one that plans its own correction tolerates more.
 
     Only what is observed at replans matters, and over one interval the loop adds
     ``-k sum_i g_i x(t - i R)`` with g the sums of R consecutive entries of R h. So the limit is that of the
