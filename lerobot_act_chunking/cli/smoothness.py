@@ -1,0 +1,63 @@
+"""``act-chunking smoothness``: how smooth a policy's or a dataset's motion is."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def smoothness_command(
+    sources: Annotated[
+        list[str],
+        typer.Argument(help="Checkpoint folders or repo ids, LeRobotDataset folders; compared in one table."),
+    ],
+    task: Annotated[str, typer.Option(help="Checkpoints: transfer_cube or insertion.")] = "transfer_cube",
+    episodes: Annotated[int, typer.Option(help="Checkpoints: episodes to run.")] = 50,
+    seed: Annotated[int, typer.Option(help="Checkpoints: seed of the first episode.")] = 1000,
+    success: Annotated[
+        str, typer.Option(help="Checkpoints: rule that ends an episode, touch or hold.")
+    ] = "touch",
+    n_envs: Annotated[int, typer.Option(help="Checkpoints: episodes that run together.")] = 50,
+    replan_interval: Annotated[
+        int | None,
+        typer.Option(help="Datasets: control steps between the chunks that made the motion. [default: none]"),
+    ] = None,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", help="Write all numbers, per joint too, here.")
+    ] = None,
+    plot: Annotated[Path | None, typer.Option(help="Write a picture (PNG) here.")] = None,
+) -> None:
+    """Measure smoothness: jerk, spectra, jumps at chunk boundaries, chunk disagreement, tracking lag.
+
+    All sources are measured in units of the first one's action standard deviation.
+    """
+    from dataclasses import asdict
+
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+
+    from lerobot_act_chunking.diagnostics.smoothness.comparison import compare
+    from lerobot_act_chunking.diagnostics.smoothness.plots import plot_reports
+    from lerobot_act_chunking.diagnostics.smoothness.report import to_json
+    from lerobot_act_chunking.diagnostics.smoothness.sources import EvaluationSpec
+    from lerobot_act_chunking.diagnostics.smoothness.table import chunk_table, motion_table
+
+    console = Console()
+    spec = EvaluationSpec(task=task, success=success, episodes=episodes, seed=seed, n_envs=n_envs)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console) as bar:
+        lines: dict[str, TaskID] = {}
+
+        def show(name: str, finished: int) -> None:
+            if name not in lines:
+                lines[name] = bar.add_task(f"running {name}", total=episodes)
+            bar.update(lines[name], completed=finished)
+
+        reports = compare(sources, spec, replan_interval=replan_interval, progress=show)
+    console.print(motion_table(reports), chunk_table(reports))
+    if json_file is not None:
+        json_file.parent.mkdir(parents=True, exist_ok=True)
+        json_file.write_text(to_json(reports, {**asdict(spec), "replan_interval": replan_interval}))
+        console.print(f"numbers: {json_file}", soft_wrap=True)
+    if plot is not None:
+        console.print(f"picture: {plot_reports(reports, plot)}", soft_wrap=True)

@@ -1,0 +1,215 @@
+"""How smooth a motion is: textbook measures of one trajectory, or of several taken together.
+
+Trajectories are ``(T, D)``, one row per control step of ``dt`` seconds. A measure that a trajectory does not
+define raises `UndefinedMeasureError` with the reason; none returns NaN.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage, signal
+
+IDLE_SPEED = 0.02
+"""Share of the peak speed below which a joint or an arm counts as standing still."""
+IDLE_SECONDS = 0.2
+"""How long that must last to be a pause and not a turning point."""
+SPARC_MAX_HZ = 10.0
+SPARC_THRESHOLD = 0.05
+SPARC_PADDING = 4
+HIGH_FREQUENCY_HZ = 5.0
+MAX_LAG_SECONDS = 0.5
+GAUSSIAN_CUTOFF = math.sqrt(math.log(2)) / (2 * math.pi)
+"""Standard deviation in time times -3 dB frequency of a Gaussian low-pass."""
+SPECTRUM_SECONDS = 2.56
+"""Length of the windows whose spectra are averaged: a resolution of 0.4 Hz."""
+
+Trajectories = Sequence[np.ndarray]
+
+
+class UndefinedMeasureError(ValueError):
+    """The data do not define this measure; the message says why."""
+
+
+def speed(trajectory: np.ndarray, dt: float) -> np.ndarray:
+    """Length of the velocity, ``(T - 1,)`` [units/s]."""
+    return np.linalg.norm(np.diff(trajectory, axis=0), axis=1) / dt
+
+
+def moving(speed: np.ndarray, dt: float) -> np.ndarray:
+    """Which samples ``(T,)`` belong to motion: all but pauses, slow for at least `IDLE_SECONDS`."""
+    slow = speed <= IDLE_SPEED * speed.max(initial=0.0)
+    # Opening keeps the runs of at least this many samples.
+    return ~ndimage.binary_opening(slow, np.ones(math.ceil(IDLE_SECONDS / dt), bool))
+
+
+def rms_jerk(trajectories: Trajectories, dt: float) -> float:
+    """Root mean square of the third derivative over all samples and dimensions [units/s³]; lower is smoother.
+
+    Each trajectory has at least four samples.
+    """
+    jerks = np.concatenate([np.diff(trajectory, 3, axis=0) for trajectory in trajectories])
+    return float(np.sqrt(np.square(jerks).mean()) / dt**3)
+
+
+def log_dimensionless_jerk(speed: np.ndarray, dt: float) -> float:
+    """LDLJ of a speed profile ``(T,)``, ``-ln(D³/v_peak² ∫ v''² dt)``; higher is smoother.
+
+    Balasubramanian et al. 2015, "On the analysis of movement smoothness", equation for LDLJ-V; a minimum-jerk
+    reach has -ln 204.8 = -5.32. The integral and the duration D leave pauses out, or waiting at the end of an
+    episode would count as jerk.
+
+    Raises:
+        UndefinedMeasureError: no motion, or one of less than three samples.
+    """
+    in_motion = _moving_or_raise(speed, dt)
+    curvature = np.diff(speed, 2) / dt**2
+    integral = np.square(curvature[in_motion[1:-1]]).sum() * dt
+    if integral == 0.0:
+        raise UndefinedMeasureError("the speed never bends: the logarithm of no jerk is infinite")
+    duration = in_motion.sum() * dt
+    return float(-np.log(duration**3 / speed.max() ** 2 * integral))
+
+
+def spectral_arc_length(speed: np.ndarray, dt: float) -> float:
+    """SPARC of a speed profile ``(T,)``: minus the length of its spectrum's outline; nearer to 0 is smoother.
+
+    Balasubramanian et al. 2015: magnitude relative to the one at 0 Hz, up to the last frequency at or below
+    10 Hz whose magnitude reaches 0.05, frequencies scaled to [0, 1]. A minimum-jerk reach has about -1.4.
+    Pauses are cut out, or they would dominate the spectrum.
+
+    Raises:
+        UndefinedMeasureError: no motion, or one of less than three samples.
+    """
+    profile = speed[_moving_or_raise(speed, dt)]
+    n_fft = 2 ** (math.ceil(math.log2(len(profile))) + SPARC_PADDING)
+    magnitude = np.abs(np.fft.rfft(profile, n_fft))
+    magnitude = magnitude[np.fft.rfftfreq(n_fft, dt) <= SPARC_MAX_HZ] / magnitude[0]
+    outline = magnitude[: np.flatnonzero(magnitude >= SPARC_THRESHOLD)[-1] + 1]
+    steps = len(outline) - 1
+    return float(-np.hypot(1 / steps, np.diff(outline)).sum())
+
+
+def velocity_spectrum(trajectories: Trajectories, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Power density of each dimension's velocity, averaged over time: frequencies [Hz] ``(F,)``, ``(F, D)``.
+
+    Of the velocity and not the position, whose slow drift would hide everything else; Welch's method with
+    Hann windows, whose leakage does not reach from slow motion to fast.
+    Each trajectory has at least three samples.
+    """
+    window = round(SPECTRUM_SECONDS / dt)
+    powers, weights = [], []
+    for trajectory in trajectories:
+        velocity = np.diff(trajectory, axis=0) / dt
+        _, power = signal.welch(
+            velocity,
+            fs=1 / dt,
+            nperseg=min(window, len(velocity)),
+            nfft=window,
+            detrend=False,  # pyright: ignore[reportArgumentType]  (SciPy's documented "leave it")
+            axis=0,
+        )
+        powers.append(power)
+        weights.append(len(velocity))
+    return np.fft.rfftfreq(window, dt), np.average(powers, axis=0, weights=weights)
+
+
+def high_frequency_share(frequencies: np.ndarray, power: np.ndarray) -> float:
+    """Share of the velocity's power ``(F, D)`` above 5 Hz, in [0, 1]; lower is smoother.
+
+    Raises:
+        UndefinedMeasureError: nothing moves, or the control rate does not reach beyond 5 Hz.
+    """
+    if frequencies[-1] <= HIGH_FREQUENCY_HZ:
+        raise UndefinedMeasureError(f"the control rate shows no frequency above {HIGH_FREQUENCY_HZ:g} Hz")
+    if not power.any():
+        raise UndefinedMeasureError("nothing moves")
+    return float(power[frequencies > HIGH_FREQUENCY_HZ].sum() / power.sum())
+
+
+@dataclass(frozen=True)
+class LagProducts:
+    """Sums over time of command and motion velocities, ``(L, D)`` each, L lags from 0 on."""
+
+    dt: float
+    products: np.ndarray
+    commanded: np.ndarray
+    achieved: np.ndarray
+
+    def lag(self, dims: Sequence[int]) -> float:
+        """Delay [s] after which the motion of some dimensions resembles the command most.
+
+        The peak of the velocities' normalised cross-correlation, refined between samples by a parabola.
+        Positions are those at which the command was given, so a robot that arrives within the same control
+        period lags by one period. Only motion below about 5 Hz counts: jitter passes through a robot with
+        another delay than the motion it sits on.
+
+        Raises:
+            UndefinedMeasureError: nothing moves, or there is no peak within `MAX_LAG_SECONDS`.
+        """
+        commanded, achieved = self.commanded[:, dims].sum(1), self.achieved[:, dims].sum(1)
+        if not (commanded.all() and achieved.all()):
+            raise UndefinedMeasureError(f"no command or no motion for {MAX_LAG_SECONDS:g} s")
+        return _peak(self.products[:, dims].sum(1) / np.sqrt(commanded * achieved)) * self.dt
+
+
+def lag_products(commands: Trajectories, positions: Trajectories, dt: float) -> LagProducts:
+    """What `LagProducts.lag` needs, over all episodes."""
+    sigma = GAUSSIAN_CUTOFF / HIGH_FREQUENCY_HZ / dt
+    n_lags = int(MAX_LAG_SECONDS / dt) + 1
+    sums = np.zeros((3, n_lags, commands[0].shape[1]))
+    for command, position in zip(commands, positions, strict=True):
+        asked, done = (
+            ndimage.gaussian_filter1d(np.diff(motion, axis=0), sigma, axis=0)
+            for motion in (command, position)
+        )
+        for lag in range(min(n_lags, len(asked))):
+            early, late = asked[: len(asked) - lag], done[lag:]
+            sums[:, lag] += (early * late).sum(0), np.square(early).sum(0), np.square(late).sum(0)
+    return LagProducts(dt, *sums)
+
+
+def per_episode(
+    measure: Callable[[np.ndarray, float], float], speeds: Sequence[np.ndarray], dt: float
+) -> list[float | None]:
+    """A measure of each speed profile, None where it is undefined."""
+    values: list[float | None] = []
+    for profile in speeds:
+        try:
+            values.append(measure(profile, dt))
+        except UndefinedMeasureError:
+            values.append(None)
+    return values
+
+
+def median(values: Sequence[float | None]) -> float:
+    """Median of the defined values.
+
+    Raises:
+        UndefinedMeasureError: there are none.
+    """
+    defined = [value for value in values if value is not None]
+    if not defined:
+        raise UndefinedMeasureError("undefined in every episode: nothing moves")
+    return float(np.median(defined))
+
+
+def _moving_or_raise(speed: np.ndarray, dt: float) -> np.ndarray:
+    in_motion = moving(speed, dt)
+    if in_motion.sum() < 3:
+        raise UndefinedMeasureError("nothing moves")
+    return in_motion
+
+
+def _peak(correlation: np.ndarray) -> float:
+    """Position of the maximum, between samples."""
+    best = int(correlation.argmax())
+    if best == len(correlation) - 1 or correlation[best] <= 0:
+        raise UndefinedMeasureError(
+            f"motion and command do not resemble each other within {MAX_LAG_SECONDS:g} s"
+        )
+    if best == 0:
+        return 0.0
+    left, middle, right = correlation[best - 1 : best + 2]
+    return float(best + 0.5 * (left - right) / (left - 2 * middle + right))

@@ -1,0 +1,91 @@
+"""What is known about the smoothness of one source of episodes, as plain data."""
+
+import json
+from dataclasses import asdict, dataclass
+
+
+@dataclass(frozen=True)
+class MotionMeasures:
+    """Measures of one joint or of a group, over all episodes; None where undefined.
+
+    ``rms_jerk`` is in the joint's unit/s³, of a group in standard deviations/s³. ``log_dimensionless_jerk``
+    and ``sparc`` are medians over episodes.
+    """
+
+    rms_jerk: float | None
+    log_dimensionless_jerk: float | None
+    sparc: float | None
+    boundary_ratio: float | None
+    boundary_acceleration_ratio: float | None
+    energy_above_5_hz: float | None
+
+
+@dataclass(frozen=True)
+class SignalReport:
+    """What was commanded, or what the robot did: arm joints together, grippers together, each joint."""
+
+    arms: MotionMeasures
+    grippers: MotionMeasures
+    joints: dict[str, MotionMeasures]
+
+
+@dataclass(frozen=True)
+class DisagreementReport:
+    """Rms difference between predictions for the same step [standard deviations], by the chunks' age."""
+
+    ages_s: list[float]
+    arms: list[float]
+    grippers: list[float] | None
+    joints: dict[str, list[float]]
+    pairs: list[int]
+    mean_arms: float
+
+
+@dataclass(frozen=True)
+class Curves:
+    """What the plot draws, all of the arms.
+
+    Attributes:
+        frequencies_hz: of the spectra.
+        commanded_power: density of the commanded velocity's power [standard deviations²/s²/Hz].
+        achieved_power: of the achieved velocity; None without positions.
+        boundary_profile: median commanded step from 10 steps before a chunk's first to 10 after it, over the
+            median step; None if there is no such boundary.
+        log_dimensionless_jerk: of each episode's command; None where nothing moves.
+    """
+
+    frequencies_hz: list[float]
+    commanded_power: list[float]
+    achieved_power: list[float] | None
+    boundary_profile: list[float] | None
+    log_dimensionless_jerk: list[float | None]
+
+
+@dataclass(frozen=True)
+class SmoothnessReport:
+    """Smoothness of one source; ``undefined`` gives the reason for every None, by its path."""
+
+    name: str
+    episodes: int
+    steps: int
+    dt: float
+    successes: int | None
+    network_calls_per_episode: float | None
+    boundaries_per_episode: float
+    commanded: SignalReport
+    achieved: SignalReport | None
+    boundary_to_plan_ratio: dict[str, float | None]
+    tracking_lag_s: dict[str, float | None]
+    disagreement: DisagreementReport | None
+    curves: Curves
+    undefined: dict[str, str]
+
+
+def to_json(reports: list[SmoothnessReport], settings: dict[str, object]) -> str:
+    """Reports and the settings they were made with, free of NaN."""
+    document = {
+        "tool": "act-chunking smoothness",
+        "settings": settings,
+        "sources": list(map(asdict, reports)),
+    }
+    return json.dumps(document, indent=1, allow_nan=False)

@@ -1,0 +1,186 @@
+"""Where episodes come from: a checkpoint that is run in ``aloha_sim``, or a dataset on disk."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from lerobot.utils.constants import ACTION, OBS_STATE
+
+from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
+from lerobot_act_chunking.diagnostics.rollouts import Inference, Rollout, environment_for, roll_out
+from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
+from lerobot_act_chunking.errors import ConfigurationError, DatasetError
+from lerobot_act_chunking.policies.loading import LoadedPolicy, load_policy
+
+POSITIONS = (OBS_STATE, "agent_pos")
+"""Columns with joint positions: LeRobot's, and the one that ``lerobot-eval --eval.recording=true`` writes."""
+SUCCESS = "next.success"
+Progress = Callable[[int], None]
+
+
+@dataclass(frozen=True)
+class EvaluationSpec:
+    """Which episodes a checkpoint is run for."""
+
+    task: str = "transfer_cube"
+    success: str = "touch"
+    episodes: int = 50
+    seed: int = 1000
+    n_envs: int = 50
+
+    def __post_init__(self) -> None:
+        if self.episodes < 2:
+            raise ConfigurationError(f"episodes={self.episodes}: smoothness needs at least 2")
+
+
+@dataclass(frozen=True)
+class Source:
+    """Episodes and what is needed to measure them; ``action_std`` (A,) is that of the training data."""
+
+    rollouts: list[Rollout]
+    joint_names: Sequence[str]
+    action_std: np.ndarray
+    latency_steps: int = 0
+    knows_success: bool = True
+
+
+def is_dataset(path: str) -> bool:
+    """Whether a path is a folder with datasets in it, and no checkpoint.
+
+    Raises:
+        DatasetError: a folder with neither.
+    """
+    folder = Path(path)
+    if not folder.is_dir() or (folder / "config.json").exists():
+        return False
+    if not _dataset_folders(folder):
+        raise DatasetError(
+            f"{path} holds neither a checkpoint (config.json, as in …/checkpoints/last/pretrained_model) "
+            "nor a dataset (meta/info.json)"
+        )
+    return True
+
+
+def run_checkpoint(path: str, spec: EvaluationSpec, progress: Progress | None = None) -> Source:
+    """Evaluate a checkpoint, as ``lerobot-eval`` would.
+
+    Args:
+        path: checkpoint folder or repo id.
+        spec: which episodes.
+        progress: called with the number of finished episodes.
+
+    Raises:
+        ConfigurationError: no such checkpoint, or it fits no ``aloha_sim``.
+    """
+    policy = load_policy(path)
+    env_config = environment_for(policy.policy.config, task=spec.task, success=spec.success)
+    seeds = range(spec.seed, spec.seed + spec.episodes)
+    rollouts = roll_out(policy, env_config, seeds, n_envs=spec.n_envs, progress=progress)
+    std = action_std(policy)
+    return Source(
+        rollouts=rollouts,
+        joint_names=JOINT_NAMES,
+        action_std=_std_of(rollouts) if std is None else std,
+        latency_steps=getattr(policy.policy.config, "latency_steps", 0),
+    )
+
+
+def action_std(policy: LoadedPolicy) -> np.ndarray | None:
+    """Standard deviation ``(A,)`` of a policy's training actions; None if it does not normalise them."""
+    for step in policy.postprocessor.steps:
+        std = (getattr(step, "stats", None) or {}).get(ACTION, {}).get("std")
+        if std is not None:
+            return np.asarray(std, float)
+    return None
+
+
+def read_dataset(path: str, replan_interval: int | None = None) -> Source:
+    """Read demonstrations, or what ``lerobot-eval --eval.recording=true`` wrote.
+
+    Args:
+        path: a LeRobotDataset's folder, or one that holds several (one per environment).
+        replan_interval: control steps between the chunks that made the motion; None if it was not chunked.
+
+    Raises:
+        DatasetError: no dataset, or one without actions.
+        ConfigurationError: a replan interval below 1.
+    """
+    if replan_interval is not None and replan_interval < 1:
+        raise ConfigurationError(f"replan_interval={replan_interval} must be at least 1 control step")
+    datasets = [_open(folder) for folder in _dataset_folders(Path(path))]
+    if not datasets:
+        raise DatasetError(f"there is no dataset at {path}: no meta/info.json in it or below")
+    rollouts = [rollout for dataset in datasets for rollout in _episodes(dataset, replan_interval)]
+    first = datasets[0].meta
+    std = first.stats[ACTION]["std"] if first.stats and len(datasets) == 1 else _std_of(rollouts)
+    return Source(
+        rollouts=rollouts,
+        joint_names=_joint_names(first.features[ACTION]),
+        action_std=np.asarray(std, float),
+        knows_success=SUCCESS in first.features,
+    )
+
+
+def _dataset_folders(path: Path) -> list[Path]:
+    return sorted(info.parent.parent for info in path.glob("**/meta/info.json"))
+
+
+def _open(folder: Path) -> LeRobotDataset:
+    quiet_missing_ffmpeg()
+    try:
+        dataset = LeRobotDataset(f"local/{folder.name}", root=folder)
+    except Exception as error:  # whatever LeRobot and its parsers raise on damaged files
+        raise DatasetError(f"the dataset at {folder} cannot be read: {error}") from error
+    if ACTION not in dataset.meta.features:
+        raise DatasetError(
+            f"the dataset at {folder} has no {ACTION!r}; it has {', '.join(dataset.meta.features)}"
+        )
+    return dataset
+
+
+def _episodes(dataset: LeRobotDataset, replan_interval: int | None) -> list[Rollout]:
+    features = dataset.meta.features
+    width = features[ACTION]["shape"]
+    position = next((key for key in POSITIONS if key in features and features[key]["shape"] == width), None)
+    wanted = ["episode_index", ACTION, *filter(None, [position, SUCCESS if SUCCESS in features else None])]
+    table = dataset.hf_dataset.select_columns(wanted).with_format("numpy")[:]
+    commands = np.asarray(table[ACTION], float)
+    positions = np.asarray(table[position], float) if position else np.empty((len(commands), 0))
+    success = np.asarray(table[SUCCESS], bool).ravel() if SUCCESS in table else np.zeros(len(commands), bool)
+    starts = np.flatnonzero(np.diff(np.asarray(table["episode_index"]), prepend=-1))
+    ends = [*starts[1:], len(commands)]
+    return [
+        Rollout(
+            seed=int(table["episode_index"][start]),
+            dt=1 / dataset.meta.fps,
+            commands=commands[start:end],
+            positions=positions[start:end],
+            rewards=np.zeros(end - start),
+            success=bool(success[start:end].any()),
+            inferences=_assumed_inferences(end - start, replan_interval, commands.shape[1]),
+        )
+        for start, end in zip(starts, ends, strict=True)
+    ]
+
+
+def _assumed_inferences(steps: int, replan_interval: int | None, width: int) -> tuple[Inference, ...]:
+    if replan_interval is None:
+        return ()
+    return tuple(Inference(step, np.empty((0, width))) for step in range(0, steps, replan_interval))
+
+
+def _joint_names(action: dict[str, Any]) -> list[str]:
+    """The dataset's own names; ALOHA's where it has none for its 14 (lerobot-eval's recordings)."""
+    names, (width,) = action.get("names"), action["shape"]
+    if isinstance(names, dict):
+        names = next(iter(names.values()))
+    if names and len(names) == width:
+        return list(names)
+    return list(JOINT_NAMES) if width == len(JOINT_NAMES) else [f"joint_{dim}" for dim in range(width)]
+
+
+def _std_of(rollouts: list[Rollout]) -> np.ndarray:
+    return np.concatenate([rollout.commands for rollout in rollouts]).std(0)
