@@ -9,16 +9,19 @@ import typer
 from rich.console import Console
 
 from lerobot_act_chunking.cli import hub
+from lerobot_act_chunking.cli.bandwidth import bandwidth_command
 from lerobot_act_chunking.cli.motion import motion_command
 from lerobot_act_chunking.cli.quickstart import quickstart_command
 from lerobot_act_chunking.cli.record import record_command
+from lerobot_act_chunking.cli.smoothness import smoothness_command
+from lerobot_act_chunking.cli.wrap import wrap_command
 from lerobot_act_chunking.errors import ActChunkingError
 
 STOPPED = 130  # what shells report after Ctrl-C
 
 app = typer.Typer(
     name="act-chunking",
-    help="Action-chunking policies for LeRobot: demonstrations, training, evaluation, motion.",
+    help="Action-chunking policies for LeRobot: demonstrations, training, chunk execution, diagnosis.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -26,7 +29,10 @@ app = typer.Typer(
 )
 app.command("quickstart")(quickstart_command)
 app.command("record")(record_command)
+app.command("wrap")(wrap_command)
 app.command("motion")(motion_command)
+app.command("smoothness")(smoothness_command)
+app.command("bandwidth")(bandwidth_command)
 app.add_typer(hub.app, name="hub")
 
 
