@@ -37,6 +37,10 @@ def test_the_examples_build_on_each_other(tmp_path):
 
     assert " after 30 steps" in run("04_policy_in_your_loop.py", "--policy", policy, "--steps", "30")
 
+    executed = run("05_execute_chunks.py", "--policy", policy, "--episodes", "2")
+    assert executed.count("/2 episodes, 95 % Wilson interval") == 4
+    assert "network calls per episode 16.0" in executed
+
 
 def test_every_example_is_run_and_short():
     scripts = sorted(EXAMPLES.glob("*.py"))
