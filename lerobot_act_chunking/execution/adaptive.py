@@ -59,7 +59,7 @@ class AdaptiveEnsemble(NewestChunk):
     def reset(self, envs: Environments = None) -> None:
         """Forget everything about these environments, what is typical of them too."""
         super().reset(envs)
-        if envs is not None and len(self._plan):
+        if envs is not None and self._plan.numel():
             envs = envs.to(self._plan.device)
             self._older[envs] = 0
             self._counts[envs] = False
@@ -75,18 +75,17 @@ class AdaptiveEnsemble(NewestChunk):
 
     def _move_back(self) -> None:
         super()._move_back()
-        T = self.n_action_steps
-        self._older[:, :, :T] = self._older[:, :, T:]
-        self._counts[:, :, :T] = self._counts[:, :, T:]
-        self._counts[:, :, T:] = False
+        for cells in (self._older, self._counts):
+            cells[:, :, : self._span] = cells[:, :, self._span :]
+            cells[:, :, self._span :] = 0
 
     def add(self, chunk: Float[Tensor, "n T A"], envs: Environments = None, delay: int = 0) -> None:
         """Take in a chunk, blended with those that it agrees with; see `Timeline.add`."""
-        if not len(self._plan):
+        if not self._plan.numel():
             self._allocate(chunk)
         device = self._plan.device
         rows = torch.arange(len(chunk), device=device) if envs is None else envs.to(device)
-        chunk = chunk[:, : self.n_action_steps].to(self._plan.dtype)
+        chunk = self._used(chunk)
         blend = chunk.clone()
         blend[:, delay:] = self._agreed(chunk[:, delay:], rows, delay)
         super().add(blend, envs, delay)
@@ -120,7 +119,7 @@ class AdaptiveEnsemble(NewestChunk):
         free = [dim for dim in range(votes.shape[-1]) if dim not in self._held_dims]
         votes = votes[..., free]
         if self._kernel == "cosine":
-            change = votes - self._held[rows][:, None, None, free]
+            change = votes - self._last_action[rows][:, None, None, free]
             return self._scale * cosine_similarity(change, change[:, :1], dim=-1)
         squared = (votes - votes[:, :1]).square().sum(-1) / max(1, len(free))
         squared = squared.masked_fill(~counts, 0)

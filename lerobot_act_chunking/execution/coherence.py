@@ -27,4 +27,4 @@ def most_coherent(
     discount = DISCOUNT ** torch.arange(n_common, device=samples.device)
     weight = covered[:, :n_common].to(distance) * discount
     best = (distance * weight).sum(-1).argmin(0)  # (n,)
-    return samples[best, torch.arange(samples.shape[1], device=samples.device)]
+    return samples[best, torch.arange(len(best), device=samples.device)]

@@ -58,18 +58,35 @@ class ChunkExecutor:
 
     def __len__(self) -> int:
         """Control steps left before the next chunk is asked for."""
-        return int(self._left.min()) if len(self._left) else 0
+        return max(0, self._first_due - self._step)
 
     def reset(self, envs: Tensor | Sequence[int] | None = None) -> None:
-        """Start a new rollout, in all environments (equal to a fresh executor) or in these alone."""
+        """Start a new rollout, in all environments (equal to a fresh executor) or in these alone.
+
+        Args:
+            envs: their indices, or a mask over all.
+        """
         if envs is None:
-            self._left = np.zeros(0, dtype=np.int64)  # (B,) steps until each next chunk
-            self._step = 0
-            self._timeline.reset()
-        elif len(self._left):
-            envs = torch.as_tensor(envs, dtype=torch.int64)
-            self._left[envs.numpy()] = 0
+            self._start(0)
+        elif len(self._due_at):
+            envs = torch.as_tensor(envs, device="cpu")
+            envs = envs.nonzero()[:, 0] if envs.dtype == torch.bool else envs.to(torch.int64)
+            self._schedule(envs, self._step)
             self._timeline.reset(envs)
+
+    def _start(self, batch_size: int) -> None:
+        self._due_at = np.zeros(batch_size, dtype=np.int64)  # (B,) the step of each next chunk
+        self._first_due = self._last_due = self._step = 0
+        self._timeline.reset()
+
+    def _schedule(self, envs: Environments, step: int) -> None:
+        """Ask for the next chunk of these environments at that step."""
+        if envs is None:
+            self._due_at.fill(step)
+            self._first_due = self._last_due = step
+        else:
+            self._due_at[envs.numpy()] = step
+            self._first_due, self._last_due = int(self._due_at.min()), int(self._due_at.max())
 
     def step(self, predict: Predict, batch_size: int) -> Float[Tensor, "B A"]:
         """The action of this control step.
@@ -81,14 +98,17 @@ class ChunkExecutor:
         Raises:
             ValueError: a chunk is shorter than ``n_action_steps``, or not for the environments asked for.
         """
-        if batch_size != len(self._left):
-            self.reset()
-            self._left = np.zeros(batch_size, dtype=np.int64)
-        due = np.flatnonzero(self._left == 0)
-        if len(due):
-            envs = None if len(due) == batch_size else torch.from_numpy(due)
+        if batch_size != len(self._due_at):
+            self._start(batch_size)
+        if self._step >= self._first_due:
+            envs = self._due()
             self.add(predict(envs), envs, self.settings.latency_steps)
         return self.pop()
+
+    def _due(self) -> Environments:
+        if self._step >= self._last_due:
+            return None
+        return torch.from_numpy(np.flatnonzero(self._due_at <= self._step))
 
     def add(self, chunk: Float[Tensor, "*N n T A"], envs: Environments = None, delay: int = 0) -> None:
         """Take in a chunk whose first action is for the current step; for callers who keep time themselves.
@@ -97,14 +117,17 @@ class ChunkExecutor:
             chunk: as from ``predict``.
             envs: the environments it is for; None for all.
             delay: steps that its computation took: the older plan goes on for as long.
+
+        Raises:
+            ValueError: as `step`.
         """
         self._check(chunk, envs)
         if chunk.ndim == 4:
             chunk = most_coherent(chunk, *self._timeline.plan(envs))
-        if not len(self._left):
-            self._left = np.zeros(len(chunk), dtype=np.int64)
+        if not len(self._due_at):
+            self._start(len(chunk))
         self._timeline.add(chunk, envs, delay)
-        self._left[slice(None) if envs is None else envs.numpy()] = self.settings.replan_interval
+        self._schedule(envs, self._step + self.settings.replan_interval)
         if self.on_chunk is not None:
             self.on_chunk(ChunkEvent(self._step, envs, chunk))
 
@@ -112,19 +135,21 @@ class ChunkExecutor:
         """The action of the current step; the last one is held if no chunk covers it."""
         action = self._timeline.pop()
         self._step += 1
-        np.maximum(self._left - 1, 0, out=self._left)
         return action
 
     def _check(self, chunk: Tensor, envs: Environments) -> None:
+        *_, n_chunks, length, n_dims = chunk.shape
         needed = self.settings.n_action_steps
-        if chunk.shape[-2] < needed:
-            raise ValueError(f"a chunk of {chunk.shape[-2]} actions is too short for n_action_steps={needed}")
-        expected = len(self._left if envs is None else envs) or chunk.shape[-3]
-        if chunk.shape[-3] != expected:
-            raise ValueError(f"{chunk.shape[-3]} chunks for {expected} environments")
-        outside = [dim for dim in self.settings.gripper_dims if dim >= chunk.shape[-1]]
-        if outside:
-            raise ValueError(f"gripper_dims={outside} are beyond the {chunk.shape[-1]} action dimensions")
+        if length < needed:
+            raise ValueError(f"a chunk of {length} actions is too short for n_action_steps={needed}")
+        expected = len(self._due_at if envs is None else envs) or n_chunks
+        if n_chunks != expected:
+            raise ValueError(f"{n_chunks} chunks for {expected} environments")
+        if envs is not None and not len(self._due_at):
+            raise ValueError("the first chunks of a rollout must be for all environments: envs=None")
+        if max(self.settings.gripper_dims, default=-1) >= n_dims:
+            dims = list(self.settings.gripper_dims)
+            raise ValueError(f"gripper_dims={dims} go beyond the {n_dims} action dimensions")
 
 
 def make_timeline(settings: ExecutionSettings) -> Timeline:

@@ -24,6 +24,9 @@ _USED_BY: dict[str, tuple[str, ...]] = {
     "n_samples": ("coherence",),
 }
 
+# Modes that work on the steps that two chunks cover and are both in time for.
+_BLENDING = ("ensemble", "crossfade", "adaptive")
+
 
 @dataclass(frozen=True)
 class ExecutionSettings:
@@ -87,9 +90,8 @@ class ExecutionSettings:
 
     def _defaults(self) -> dict[str, object]:
         used = self.n_action_steps or self.chunk_size
-        interval = (
-            used if self.execution == "open_loop" else max(1, min(used // 2, used - self.latency_steps))
-        )
+        longest = used - self.latency_steps - (self.execution in _BLENDING)
+        interval = used if self.execution == "open_loop" else max(1, min(used // 2, longest))
         values: dict[str, object] = {"n_action_steps": used, "replan_interval": interval}
         if self.execution in ("ensemble", "adaptive"):
             weighting = self.ensemble_weighting or "act"
@@ -157,6 +159,11 @@ class ExecutionSettings:
             raise ConfigurationError(
                 f"replan_interval={interval} + latency_steps={latency} exceeds n_action_steps={used}: the "
                 "old chunk would end before the new one can be used"
+            )
+        elif interval + latency == used and self.execution in _BLENDING:
+            raise ConfigurationError(
+                f"execution={self.execution} has nothing to blend: replan_interval={interval} + "
+                f"latency_steps={latency} must be below n_action_steps={used}, so that two chunks overlap"
             )
 
     def _check_open_loop(self) -> None:

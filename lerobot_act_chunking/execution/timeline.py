@@ -12,18 +12,18 @@ from torch import Tensor
 Environments = Int64[Tensor, " n"] | None  # None: all of them
 Rows = Float64[np.ndarray, "r T"]  # one row for all environments, or one for each
 
-# Beyond these, all that matters is that the newest prediction has no share; finite, so that 0 * ratio = 0.
-MAX_WEIGHT = 1e200
-MAX_EXPONENT = math.log(1e100)
+EMPTY = 1e300  # share of the newest prediction in a cell without any
+MAX_EXPONENT = math.log(1e100)  # far above any share that still counts, far below EMPTY
 
 
 class Timeline(ABC):
     """One cell per coming step, each holding a blend of the predictions for it; environments in lockstep.
 
-    Two windows' worth of cells are kept and the window moves over them, so that every operation is on one
-    contiguous slice; memory is O(T) per environment whatever the number of overlapping chunks. ``_weights``
-    say what a cell has seen (0: nothing). They live in NumPy, whose calls cost a fifth of PyTorch's, and have
-    one row for all environments until one is reset alone.
+    Cells for two windows are kept, a window being the last action and the T steps from now on, and the window
+    moves over them, so that every operation is on one contiguous slice; memory is O(T) per environment
+    whatever the number of overlapping chunks. What a cell has seen is told by the share that its newest
+    prediction has in it. Shares live in NumPy, whose calls cost a third of PyTorch's, with one row for all
+    environments until one is treated alone.
 
     Args:
         n_action_steps: T, the used part of each chunk [control steps].
@@ -32,47 +32,56 @@ class Timeline(ABC):
 
     def __init__(self, n_action_steps: int, gripper_dims: Sequence[int] = ()):
         self.n_action_steps = n_action_steps
+        self._span = n_action_steps + 1
         self._held_dims = list(gripper_dims)
         self.reset()
 
     @abstractmethod
-    def _gains(self, weights: Rows, elapsed: Float64[np.ndarray, "r 1"]) -> Rows:
-        """Share of a new chunk in each cell; brings ``weights`` up to date in place.
+    def _mix(self, shares: Rows, elapsed: Int64[np.ndarray, "r 1"]) -> Rows:
+        """How far each cell goes over to a new chunk; brings ``shares`` up to date in place.
 
         Args:
-            weights: what the cells hold so far.
+            shares: of the newest prediction so far; `EMPTY` where there was none.
             elapsed: steps since the last chunk.
         """
 
     def reset(self, envs: Environments = None) -> None:
         """Forget everything about these environments; all: equal to a fresh timeline."""
         if envs is None:
-            self._plan = torch.empty(0, 0, 0)  # (B, 2T, A) from the first chunk on
-            self._held = torch.empty(0, 0)  # (B, A), the last action
+            self._plan = torch.empty(0, 0, 0)  # (B, 2 * span, A) from the first chunk on
             self._dtype = torch.float32  # of the chunks
-            self._weights = np.zeros((1, 2 * self.n_action_steps))
-            self._added_at = np.zeros((1, 1))  # steps
-            self._step = self._head = 0
-        elif len(self._plan):
+            self._shares = np.full((1, 2 * self._span), EMPTY)
+            self._added_at = np.zeros((1, 1), dtype=np.int64)  # steps
+            self._step = 0
+            self._head = 1  # the current step's cell
+            self._covered_until = 0  # up to this step it is known that all environments have a plan
+        elif self._plan.numel():
             self._separate()
-            self._weights[envs.numpy()] = 0
+            self._shares[envs.numpy()] = EMPTY
+            self._covered_until = 0
+            self._plan[envs.to(self._plan.device), self._head :] = 0
 
     def _separate(self) -> None:
         """From now on the environments may differ in what their cells have seen."""
-        if len(self._weights) < len(self._plan):
-            self._weights = np.repeat(self._weights, len(self._plan), axis=0)
+        if len(self._shares) < len(self._plan):
+            self._shares = np.repeat(self._shares, len(self._plan), axis=0)
             self._added_at = np.repeat(self._added_at, len(self._plan), axis=0)
 
     @property
     def _window(self) -> slice:
         return slice(self._head, self._head + self.n_action_steps)
 
+    @property
+    def _last_action(self) -> Float[Tensor, "B A"]:
+        return self._plan[:, self._head - 1]
+
     def plan(self, envs: Environments = None) -> tuple[Float[Tensor, "n T A"], Bool[Tensor, "r T"]]:
         """The plan from the current step on, and which of its steps are covered; empty before any chunk.
 
         Covered has one row for all environments, or one for each.
         """
-        plan, covered = self._plan[:, self._window], torch.from_numpy(self._weights[:, self._window] > 0)
+        plan = self._plan[:, self._window]
+        covered = torch.from_numpy(self._shares[:, self._window] < EMPTY)[:, : plan.shape[1]]
         if envs is None:
             return plan, covered
         return plan[envs.to(plan.device)], covered[envs] if len(covered) > 1 else covered
@@ -83,47 +92,57 @@ class Timeline(ABC):
         Args:
             chunk: the chunk of each environment in ``envs``. The first ever must be for all.
             envs: indices of the environments that it is for.
-            delay: the actions before it come too late: they are used only where there is no other.
+            delay: the actions before it come too late: they are used only where there is no other. Chunks
+                come in order: current step + delay never decreases.
         """
-        if not len(self._plan):
+        if not self._plan.numel():
             self._allocate(chunk)
-        if envs is not None:
-            self._separate()
-        chunk = chunk[:, : self.n_action_steps].to(self._plan.dtype)
-        gains = self._take_in(envs, delay)
-        plan = self._plan[:, self._window]
+        chunk, window = self._used(chunk), self._window
         if envs is None:
-            self._blend(plan, chunk, gains, delay)
+            gains = self._take_in(self._shares[:, window], self._step - self._added_at, delay)
+            self._added_at.fill(self._step)
+            self._covered_until = self._step + self.n_action_steps
+            self._plan[:, window].lerp_(chunk, self._per_dimension(gains, delay))
         else:
-            envs = envs.to(plan.device)
-            part = plan[envs]
-            self._blend(part, chunk, gains, delay)
-            plan[envs] = part
+            self._separate()
+            rows, envs = envs.numpy(), envs.to(self._plan.device)
+            shares = self._shares[rows, window]
+            gains = self._take_in(shares, self._step - self._added_at[rows], delay)
+            self._added_at[rows] = self._step
+            self._shares[rows, window] = shares
+            self._plan[envs, window] = self._plan[envs, window].lerp_(
+                chunk, self._per_dimension(gains, delay)
+            )
 
-    def _take_in(self, envs: Environments, delay: int) -> Rows:
-        """Update the weights for a new chunk; returns its share in each cell."""
-        rows = slice(None) if envs is None else envs.numpy()
-        weights = self._weights[rows, self._window]  # a view for all, else a copy
-        gains = np.empty_like(weights)
-        gains[:, :delay] = weights[:, :delay] == 0
-        weights[:, :delay] += gains[:, :delay]
-        gains[:, delay:] = self._gains(weights[:, delay:], self._step - self._added_at[rows])
-        self._added_at[rows] = self._step
-        if envs is not None:
-            self._weights[rows, self._window] = weights
-        return gains
+    def _take_in(self, shares: Rows, elapsed: Int64[np.ndarray, "r 1"], delay: int) -> Rows:
+        """Bring the shares up to date with a new chunk; returns how far each cell goes over to it."""
+        gains = self._mix(shares[:, delay:], elapsed)
+        if not delay:
+            return gains
+        empty = shares[:, :delay] == EMPTY
+        shares[:, :delay][empty] = 1
+        return np.concatenate([empty, gains], axis=1)
 
-    def _blend(self, plan: Tensor, chunk: Tensor, gains: Rows, delay: int) -> None:
-        plan.lerp_(chunk, torch.from_numpy(gains[..., None]).to(plan))
+    def _per_dimension(self, gains: Rows, delay: int) -> Float[Tensor, "r T A"]:
+        """The gains spelled out for each action dimension: broadcasting would make `lerp_` 4 times slower."""
+        if self._plan.dtype == torch.float32:
+            gains = gains.astype(np.float32)
+        spread = gains.repeat(self._plan.shape[2], axis=1).reshape(*gains.shape, -1)
         if self._held_dims:
-            plan[:, delay:, self._held_dims] = chunk[:, delay:, self._held_dims]
+            spread[:, delay:, self._held_dims] = 1
+        return torch.from_numpy(spread).to(self._plan.device)
+
+    def _used(self, chunk: Tensor) -> Tensor:
+        """The part that may be executed, in the precision that is averaged in."""
+        if chunk.shape[1] > self.n_action_steps:
+            chunk = chunk[:, : self.n_action_steps]
+        return chunk if chunk.dtype == self._plan.dtype else chunk.to(self._plan.dtype)
 
     def _allocate(self, chunk: Tensor) -> None:
         B, _, A = chunk.shape
-        dtype = torch.promote_types(chunk.dtype, torch.float32)
-        self._plan = torch.zeros(B, 2 * self.n_action_steps, A, dtype=dtype, device=chunk.device)
-        self._held = self._plan[:, 0]
         self._dtype = chunk.dtype
+        dtype = torch.promote_types(chunk.dtype, torch.float32)
+        self._plan = torch.zeros(B, 2 * self._span, A, dtype=dtype, device=chunk.device)
 
     def pop(self) -> Float[Tensor, "B A"]:
         """The action of the current step; moves on to the next. Without one, the last action is held.
@@ -131,36 +150,42 @@ class Timeline(ABC):
         Raises:
             IndexError: there was no chunk yet.
         """
-        if not len(self._plan):
-            raise IndexError("no prediction covers this step: add a chunk first")
-        action = self._plan[:, self._head]
-        covered = self._weights[:, self._head] > 0
-        if covered.all():
-            action = action.clone()
-        else:
-            action = torch.where(torch.from_numpy(covered)[:, None].to(action.device), action, self._held)
-        self._held = action
+        if self._step >= self._covered_until:
+            self._look_ahead()
+        action = self._plan[:, self._head].clone()
         self._step += 1
         self._head += 1
-        if self._head == self.n_action_steps:
+        if self._head > self._span:
             self._move_back()
-        return action.to(self._dtype)
+        return action if action.dtype == self._dtype else action.to(self._dtype)
+
+    def _look_ahead(self) -> None:
+        """Find out how far all environments have a plan; those without one now go on with the last action."""
+        if not self._plan.numel():
+            raise IndexError("no prediction covers this step: add a chunk first")
+        covered = self._shares[:, self._window] < EMPTY
+        self._covered_until = self._step + int(np.logical_and.accumulate(covered.all(0)).sum())
+        if self._covered_until == self._step:
+            here = torch.from_numpy(covered[:, :1]).to(self._plan.device)
+            action = torch.where(here, self._plan[:, self._head], self._last_action)
+            self._plan[:, self._head] = action
 
     def _move_back(self) -> None:
         """Continue at the start of the cells, so that there is room for a whole window again."""
-        T = self.n_action_steps
-        self._plan[:, :T] = self._plan[:, T:]
-        self._weights[:, :T] = self._weights[:, T:]
-        self._weights[:, T:] = 0
-        self._head = 0
+        span = self._span
+        self._plan[:, :span] = self._plan[:, span:]
+        self._plan[:, span:] = 0
+        self._shares[:, :span] = self._shares[:, span:]
+        self._shares[:, span:] = EMPTY
+        self._head = 1
 
 
 class NewestChunk(Timeline):
     """Follows the most recent chunk and nothing else."""
 
-    def _gains(self, weights: Rows, elapsed: Float64[np.ndarray, "r 1"]) -> Rows:
-        weights.fill(1)
-        return weights
+    def _mix(self, shares: Rows, elapsed: Int64[np.ndarray, "r 1"]) -> Rows:
+        shares.fill(1)
+        return shares
 
 
 class CrossFade(Timeline):
@@ -170,19 +195,19 @@ class CrossFade(Timeline):
         super().__init__(n_action_steps, gripper_dims)
         self._rising = np.minimum(np.arange(1, n_action_steps + 1) / (crossfade_steps + 1), 1)
 
-    def _gains(self, weights: Rows, elapsed: Float64[np.ndarray, "r 1"]) -> Rows:
-        gains = np.where(weights > 0, self._rising[: weights.shape[1]], 1)
-        weights.fill(1)
+    def _mix(self, shares: Rows, elapsed: Int64[np.ndarray, "r 1"]) -> Rows:
+        gains = np.where(shares == EMPTY, 1, self._rising[: shares.shape[1]])
+        shares.fill(1)
         return gains
 
 
 class TemporalEnsemble(Timeline):
     """The weighted mean of all predictions for a step (ACT, Zhao et al. 2023, alg. 2), as a running average.
 
-    A cell's weight is the sum of its predictions' weights in units of the newest one's. That unit changes by
-    exp(m) per step of age, towards larger sums for ``act`` (old predictions weigh more), smaller ones for
-    ``recency``; so one rule, ``sum = sum * ratio + 1``, serves both, any replanning rhythm, and any m: a sum
-    that overflows only says that the newest prediction does not count.
+    Let the predictions that a cell has seen weigh W in all, the newest one being the unit, so that its share
+    is 1 / W. By the next chunk that unit has changed by ``ratio``, exp(m) per step of age for ``act``, and W
+    becomes W * ratio + 1: the new share is share / (share + ratio). This one rule serves every weighting and
+    replanning rhythm, and every m: a share that underflows only says that new predictions do not count.
 
     Args:
         n_action_steps: T, the used part of each chunk [control steps].
@@ -193,10 +218,9 @@ class TemporalEnsemble(Timeline):
 
     def __init__(self, n_action_steps: int, growth: float, gripper_dims: Sequence[int] = ()):
         super().__init__(n_action_steps, gripper_dims)
-        self._growth = growth
+        exponents = growth * np.arange(n_action_steps + 1)
+        self._ratios = np.exp(np.minimum(exponents, MAX_EXPONENT))  # by steps elapsed
 
-    def _gains(self, weights: Rows, elapsed: Float64[np.ndarray, "r 1"]) -> Rows:
-        weights *= np.exp(np.minimum(self._growth * elapsed, MAX_EXPONENT))
-        weights += 1
-        np.minimum(weights, MAX_WEIGHT, out=weights)
-        return 1 / weights
+    def _mix(self, shares: Rows, elapsed: Int64[np.ndarray, "r 1"]) -> Rows:
+        ratio = self._ratios.take(elapsed, mode="clip")  # after T steps all cells are empty
+        return np.divide(shares, shares + ratio, out=shares)
