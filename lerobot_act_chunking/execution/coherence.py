@@ -13,15 +13,13 @@ def most_coherent(
     """The sample of each environment that continues its current plan best.
 
     This is the backward coherence of Bidirectional Decoding (Liu et al. 2024, eq. 4): the discounted sum of
-    distances over the steps that both cover, near steps counting most. Without a plan it is the first sample.
+    distances over the steps that both cover, near steps counting most. Where no step is covered it is the first sample.
 
     Args:
         samples: N chunks for each of n environments.
-        plan: the current plan of each from this step on; empty before the first.
+        plan: the current plan of each from this step on.
         covered: which of the plan's steps count; one row for all environments, or one for each.
     """
-    if not len(plan):
-        return samples[0]
     n_common = min(samples.shape[2], plan.shape[1])
     distance = (samples[:, :, :n_common] - plan[:, :n_common]).norm(dim=-1)
     discount = DISCOUNT ** torch.arange(n_common, device=samples.device)

@@ -123,7 +123,8 @@ class ChunkExecutor:
         """
         self._check(chunk, envs)
         if chunk.ndim == 4:
-            chunk = most_coherent(chunk, *self._timeline.plan(envs))
+            plan, covered = self._timeline.plan(envs)
+            chunk = most_coherent(chunk, plan, covered) if plan.numel() else chunk[0]
         if not len(self._due_at):
             self._start(len(chunk))
         self._timeline.add(chunk, envs, delay)
