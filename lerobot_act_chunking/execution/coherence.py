@@ -13,7 +13,7 @@ def most_coherent(
     """The sample of each environment that continues its current plan best.
 
     This is the backward coherence of Bidirectional Decoding (Liu et al. 2024, eq. 4): the discounted sum of
-    distances over the steps that both cover, near steps counting most. Where no step is covered it is the first sample.
+    distances over the steps that both cover, near steps counting most. With none it is the first sample.
 
     Args:
         samples: N chunks for each of n environments.
