@@ -7,7 +7,6 @@ from typing import Any, cast
 
 import numpy as np
 
-from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.policies.loading import load_policy
 
 FILMSTRIP_FRAMES = 6
@@ -23,7 +22,7 @@ class Motion:
         positions: where the joints were when it asked, ``(T, A)`` in the same units.
         rewards: the reward after each step, ``(T,)``.
         frames: ``(step, image)`` pairs, images ``(H, W, 3)`` uint8.
-        replan_interval: steps between two chunks, or None where that is not known.
+        replans: steps at which the policy planned a new chunk, as far as known.
     """
 
     title: str
@@ -33,12 +32,12 @@ class Motion:
     positions: np.ndarray
     rewards: np.ndarray
     success: bool
-    replan_interval: int | None = None
+    replans: Sequence[int] = ()
     frames: list[tuple[int, np.ndarray]] = field(default_factory=list)
 
 
 def record_motion(policy_path: str, *, task: str, seed: int, success: str = "touch") -> Motion:
-    """Run one episode of a checkpoint in ``aloha_sim``, through the same processors as ``lerobot-eval``.
+    """Run one episode of a checkpoint in ``aloha_sim``, as ``lerobot-eval`` would.
 
     Args:
         policy_path: checkpoint folder or repo id of any LeRobot policy trained on ``aloha_sim``.
@@ -49,78 +48,30 @@ def record_motion(policy_path: str, *, task: str, seed: int, success: str = "tou
     Raises:
         ConfigurationError: no such checkpoint, or it asks for observations the environment does not have.
     """
-    import torch
-    from lerobot.envs.factory import make_env
-    from lerobot.envs.utils import preprocess_observation
+    from lerobot_act_chunking.diagnostics.rollouts import environment_for, roll_out
+    from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
 
-    policy, preprocessor, postprocessor = load_policy(policy_path)
-    env_config = environment_for(policy.config, task=task, success=success)
-    env: Any = next(iter(make_env(env_config, n_envs=1).values()))[0]
-    commands, positions, rewards, frames, succeeded = [], [], [], [], False
-    try:
-        observation, _ = env.reset(seed=seed)
-        policy.reset()
-        horizon = env_config.episode_length
-        every = max(1, horizon // 40)
-        while len(commands) < horizon:
-            if len(commands) % every == 0:
-                frames.append((len(commands), env.envs[0].render()))
-            positions.append(env.envs[0].unwrapped.world.qpos())
-            batch = preprocessor({**preprocess_observation(observation), "task": [task]})
-            with torch.inference_mode():
-                action = postprocessor(policy.select_action(batch)).cpu().numpy()
-            observation, reward, terminated, truncated, info = env.step(action)
-            commands.append(action[0])
-            rewards.append(float(reward[0]))
-            if terminated[0] or truncated[0]:
-                succeeded = bool(info["final_info"]["is_success"][0])
-                break
-    finally:
-        env.close()
+    policy = load_policy(policy_path)
+    config = policy.policy.config
+    env_config = environment_for(config, task=task, success=success)
+    every = max(1, env_config.episode_length // 40)
+    frames: list[tuple[int, np.ndarray]] = []
+
+    def film(_seed: int, step: int, env: Any) -> None:
+        if step % every == 0:
+            frames.append((step, env.render()))
+
+    (rollout,) = roll_out(policy, env_config, [seed], on_step=film)
     return Motion(
-        title=f"{policy.config.type} on {task}, seed {seed}: {'success' if succeeded else 'failure'}",
-        dt=1 / env_config.fps,
-        joint_names=joint_names(),
-        commands=np.stack(commands),
-        positions=np.stack(positions),
-        rewards=np.array(rewards),
-        success=succeeded,
-        replan_interval=getattr(policy.config, "n_action_steps", None),
+        title=f"{config.type} on {task}, seed {seed}: {'success' if rollout.success else 'failure'}",
+        dt=rollout.dt,
+        joint_names=JOINT_NAMES,
+        commands=rollout.commands,
+        positions=rollout.positions,
+        rewards=rollout.rewards,
+        success=rollout.success,
+        replans=[inference.step for inference in rollout.inferences],
         frames=frames,
-    )
-
-
-def joint_names() -> Sequence[str]:
-    """The names of the 14 command dimensions."""
-    from lerobot_act_chunking.envs.aloha.world import JOINT_NAMES
-
-    return JOINT_NAMES
-
-
-def environment_for(config: Any, *, task: str, success: str) -> Any:
-    """The ``aloha_sim`` configuration whose observations are the ones a policy was trained on.
-
-    Raises:
-        ConfigurationError: cameras of different sizes, or cameras together with object poses.
-    """
-    from lerobot_act_chunking.envs.configuration_envs import AlohaSimEnvConfig
-
-    quick: dict[str, Any] = {"task": task, "success": success, "render_quality": "fast"}
-    images = config.image_features
-    if not images:
-        return AlohaSimEnvConfig(
-            **quick, obs_type="state", agent_vel="observation.agent_vel" in config.input_features
-        )
-    sizes = {tuple(feature.shape[-2:]) for feature in images.values()}
-    if len(sizes) > 1:
-        raise ConfigurationError(f"aloha_sim renders one image size, the policy wants {sorted(sizes)}")
-    height, width = sizes.pop()
-    return AlohaSimEnvConfig(
-        **quick,
-        obs_type="pixels_state" if "observation.state" in config.input_features else "pixels",
-        cameras=[key.removeprefix("observation.images.") for key in images],
-        observation_height=height,
-        observation_width=width,
     )
 
 
@@ -176,7 +127,7 @@ def _short(name: str) -> str:
 
 
 def _draw_replans(ax: Any, motion: Motion) -> None:
-    """A faint line wherever the policy planned a new chunk."""
-    if motion.replan_interval and motion.replan_interval > 1:
-        for step in range(0, len(motion.commands), motion.replan_interval):
+    """A faint line wherever the policy planned a new chunk, unless that is everywhere."""
+    if len(motion.replans) <= len(motion.commands) // 4:
+        for step in motion.replans:
             ax.axvline(step * motion.dt, color="0.85", linewidth=0.8, zorder=0)

@@ -70,7 +70,7 @@ def compare(
 
 
 def source_names(paths: Sequence[str]) -> list[str]:
-    """What tells paths apart: without the folders that all begin with, and those that every checkpoint has."""
+    """What tells paths apart: without folders that all begin with, and those that every checkpoint has."""
     split = [[part for part in Path(path).parts if part not in EVERY_CHECKPOINT] or [path] for path in paths]
     shared = 0
     while len({tuple(parts[: shared + 1]) for parts in split}) == 1 and shared < min(map(len, split)) - 1:
