@@ -63,9 +63,18 @@ class TemporalEnsembleConfig(ExecutionFields, PreTrainedConfig):
         self._inner_config = decode_inner(settings, device=self.device, push_to_hub=False, repo_id=None)
         self.input_features = self.input_features or self._inner_config.input_features
         self.output_features = self.output_features or self._inner_config.output_features
-        self.n_obs_steps = self._inner_config.n_obs_steps
+        self._adopt_observation_steps()
         self.inner, self.inner_path = self._encoded(self.inner_config), None
         self._check_execution()
+
+    def _adopt_observation_steps(self) -> None:
+        steps = self._inner_config.n_obs_steps
+        if self.n_obs_steps not in (1, steps):
+            raise ConfigurationError(
+                f"n_obs_steps={self.n_obs_steps}: the inner {self._inner_config.type} observes {steps} steps, "
+                "which is set in its own settings"
+            )
+        self.n_obs_steps = steps
 
     def _check_execution(self) -> None:
         settings, inner = self.execution_settings, self._inner_config.type

@@ -58,7 +58,7 @@ def decode_inner(settings: dict[str, Any], **overrides: Any) -> PreTrainedConfig
     _check_known(policy_type)
     try:
         config = draccus.decode(PreTrainedConfig.get_choice_class(policy_type), settings)
-    except (DraccusException, ValueError, TypeError, NotImplementedError) as error:
+    except (DraccusException, ConfigurationError, NotImplementedError) as error:
         reason = f"{error} {_root(error)}" if error.__cause__ else error
         raise ConfigurationError(f"settings of the inner policy ({policy_type}): {reason}") from error
     _check_wrappable(config)

@@ -151,6 +151,7 @@ def test_the_inner_policys_device_and_precision_are_taken_over(tmp_path):
         ({"inner": ACT.inner, "execution": "coherence"}, "inner act always predicts the same one"),
         ({"inner": OURS.inner, "execution": "coherence"}, "inner act_chunked always predicts"),
         ({"inner": ACT.inner, "n_action_steps": 10}, "n_action_steps=10 exceeds the 9 control steps"),
+        ({"inner": DIFFUSION.inner, "n_obs_steps": 3}, "n_obs_steps=3: the inner diffusion observes 2 steps"),
         ({"inner": ACT.inner, "replan_interval": 9}, "needs overlapping chunks: replan_interval=9"),
     ],
 )
