@@ -135,10 +135,11 @@ def ensemble_weights(settings: ExecutionSettings) -> tuple[str, float]:
 
 def sweep(settings: ExecutionSettings, fps: float) -> list[SweepPoint]:
     """The same filter at other sizes, up to twice this one."""
-    smallest, largest = 1, 2 * settings.replan_interval
+    smallest, present = 1, settings.replan_interval
     if settings.execution == "ensemble":
-        smallest, largest = settings.replan_interval + settings.latency_steps, 2 * settings.n_action_steps
-    sizes = np.unique(np.geomspace(smallest, max(largest, 20), _SWEEP_POINTS).round().astype(int))
+        smallest, present = settings.replan_interval + settings.latency_steps, settings.n_action_steps
+    sizes = np.geomspace(smallest, max(2 * present, 20), _SWEEP_POINTS).round().astype(int)
+    sizes = np.union1d(sizes, [present])
     kernels = [(int(size), filter_for(settings, int(size))) for size in sizes]
     return [
         SweepPoint(size, in_hertz(kernel.bandwidth, fps), settle_steps(kernel.mean_step(), 0.9))

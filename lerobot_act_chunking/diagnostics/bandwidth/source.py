@@ -1,10 +1,10 @@
 """Which execution is analysed: a checkpoint's, with explicit options on top of it."""
 
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, get_args
 
-from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.execution.settings import ExecutionSettings
+from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
+from lerobot_act_chunking.execution.settings import ExecutionSettings, Mode, Weighting
 
 # ACT's own numbers, for when there is no checkpoint.
 _ACT = {"chunk_size": 100, "execution": "ensemble", "replan_interval": 1}
@@ -35,6 +35,7 @@ def read_source(checkpoint: str | None, overrides: dict[str, Any]) -> Source:
         ConfigurationError: no such checkpoint, a policy without chunks, or settings that cannot work.
     """
     given = {name: value for name, value in overrides.items() if value is not None}
+    _check_choices(given)
     if checkpoint is None:
         return Source(_settings(_ACT, given))
     config = read_config(checkpoint)
@@ -55,6 +56,13 @@ def read_config(checkpoint: str) -> Any:
     register_third_party_plugins()
     check_checkpoint(checkpoint)
     return PreTrainedConfig.from_pretrained(checkpoint)
+
+
+def _check_choices(given: dict[str, Any]) -> None:
+    """Before the mode is used to decide what else to keep."""
+    for name, choices in (("execution", get_args(Mode)), ("ensemble_weighting", get_args(Weighting))):
+        if name in given and given[name] not in choices:
+            raise unknown_choice(name, given[name], choices)
 
 
 def _execution_of(config: Any) -> dict[str, Any]:
@@ -89,6 +97,7 @@ def _settings(base: dict[str, Any], given: dict[str, Any]) -> ExecutionSettings:
     if mode == "open_loop" and "n_action_steps" in given:
         base = {**base, "replan_interval": None}
     merged = {**base, **given, "execution": mode}
+    merged = {name: value for name, value in merged.items() if value is not None}
     merged["gripper_dims"] = tuple(merged.get("gripper_dims", ()))
     if "execution" not in given and _one_chunk_at_a_time(merged):
         merged = {name: value for name, value in merged.items() if name not in _ENSEMBLE_ONLY}
