@@ -1,0 +1,214 @@
+"""The pictures and tables of docs/execution-study.md, from what the two studies wrote.
+
+    python benchmarks/execution_plots.py
+
+reads benchmarks/results/{execution_study,replanning_stall}.json, draws docs/images/{execution_study,
+replanning_stall}.png and prints the tables in Markdown.
+"""
+
+import argparse
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from execution_study import CHECKPOINTS, HEADER, Cell, rows
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from replanning_stall import Stall, Trial
+
+from lerobot_act_chunking.diagnostics.success import SuccessRate
+
+DT = 0.02  # [s]
+CURVES: dict[str, tuple[str, Callable[[dict[str, Any]], bool]]] = {
+    "newest chunk": (
+        "tab:red",
+        lambda execution: execution["execution"] in ("receding", "open_loop"),
+    ),
+    "ensemble, act 0.01": ("tab:blue", lambda execution: _is_ensemble(execution, "act", 0.01)),
+    "ensemble, recency 0.1": ("tab:green", lambda execution: _is_ensemble(execution, "recency", 0.1)),
+}
+BARS = {
+    "newest chunk": {"execution": "receding"},
+    "ensemble, act 0.01": {
+        "execution": "ensemble",
+        "ensemble_weighting": "act",
+        "temporal_ensemble_coeff": 0.01,
+    },
+    "ensemble, recency 0.1": {
+        "execution": "ensemble",
+        "ensemble_weighting": "recency",
+        "temporal_ensemble_coeff": 0.1,
+    },
+    "crossfade, 10 steps": {"execution": "crossfade", "crossfade_steps": 10},
+    "adaptive, gate": {"execution": "adaptive", "adaptive_kernel": "gate"},
+}
+
+
+def _is_ensemble(execution: dict[str, Any], weighting: str, coeff: float) -> bool:
+    wanted = {"execution": "ensemble", "ensemble_weighting": weighting, "temporal_ensemble_coeff": coeff}
+    return wanted.items() <= execution.items() and "gripper_dims" not in execution
+
+
+def interval(cell: Cell) -> int:
+    return cell.execution.get("replan_interval", 100)
+
+
+def draw_rate(ax: Axes, points: list[tuple[float, SuccessRate]], **style: Any) -> None:
+    """Success rates [%] with their Wilson intervals."""
+    points = sorted(points, key=lambda point: point[0])
+    x = [each for each, _ in points]
+    y = [100 * rate.rate for _, rate in points]
+    bounds = [rate.interval for _, rate in points]
+    low = [max(0.0, a - 100 * b[0]) for a, b in zip(y, bounds, strict=True)]
+    high = [max(0.0, 100 * b[1] - a) for a, b in zip(y, bounds, strict=True)]
+    ax.errorbar(x, y, yerr=[low, high], marker="o", markersize=4, capsize=2, linewidth=1.5, **style)
+
+
+def replan_axis(ax: Axes) -> None:
+    ax.set_xscale("log")
+    ax.set_xticks([1, 5, 10, 25, 50, 100], ["1", "5", "10", "25", "50", "100"])
+    ax.minorticks_off()
+    ax.set(xlabel="replan interval R [steps of 20 ms]", ylabel="success [%]", ylim=(-3, 103))
+    ax.grid(alpha=0.3)
+
+
+def draw_study(cells: list[Cell], path: Path) -> None:
+    tasks = list(dict.fromkeys(cell.task for cell in cells))
+    figure = Figure(figsize=(6.2 * len(tasks), 8), layout="constrained")
+    axes = figure.subplots(2, len(tasks), squeeze=False)
+    for column, task in enumerate(tasks):
+        ax = axes[0, column]
+        for name, (color, belongs) in CURVES.items():
+            for checkpoint, line in zip(CHECKPOINTS, ("-", "--"), strict=True):
+                group = [c for c in cells if (c.task, c.checkpoint) == (task, checkpoint)]
+                points = [(interval(c), c.rate) for c in group if belongs(c.execution)]
+                label = f"{name}, {int(checkpoint)} training steps"
+                draw_rate(ax, points, color=color, linestyle=line, label=label)
+        replan_axis(ax)
+        ax.set_title(task)
+        draw_bars(axes[1, column], [c for c in cells if (c.task, c.checkpoint) == (task, CHECKPOINTS[0])])
+    axes[0, 0].legend(fontsize=8, loc="lower right")
+    save(figure, path)
+
+
+def draw_bars(ax: Axes, cells: list[Cell]) -> None:
+    """Boundary discontinuity of the trained policy at R = 25 or, where only that was run, at 10."""
+    names, values = [], []
+    for name, wanted in BARS.items():
+        for R in (25, 10):
+            for cell in cells:
+                if {**wanted, "replan_interval": R}.items() <= cell.execution.items():
+                    ratio = cell.smoothness.get("boundary_ratio")
+                    if ratio is not None and "gripper_dims" not in cell.execution:
+                        names.append(f"{name}, R={R}")
+                        values.append(ratio)
+    bars = ax.barh(names[::-1], values[::-1], color="tab:gray")
+    ax.bar_label(bars, fmt="%.2f", padding=3)
+    ax.axvline(1, color="black", linewidth=0.8)
+    ax.margins(x=0.12)
+    ax.set(xlabel="boundary discontinuity ratio (1 is seamless)", title="trained policy, successful episodes")
+
+
+def draw_stall(trials: list[Trial], path: Path) -> None:
+    figure = Figure(figsize=(15, 4.4), layout="constrained")
+    pauses, lookahead, plans = figure.subplots(1, 3)
+    for pause, color in zip((0.2, 0.5, 1.0), ("tab:cyan", "tab:blue", "tab:purple"), strict=True):
+        points = [(t.replan_interval, t.rate) for t in trials if t.pause_s == pause and not t.lookahead]
+        draw_rate(pauses, points, color=color, label=f"pauses of {pause:g} s")
+    replan_axis(pauses)
+    pauses.set_title("transfer_cube, demonstrations with pauses")
+    pauses.legend(fontsize=8)
+    groups = dict.fromkeys((t.task, t.pause_s, t.training_steps) for t in trials if t.lookahead)
+    for group, color in zip(groups, ("tab:orange", "tab:blue", "tab:green"), strict=False):
+        members = [
+            t for t in trials if (t.task, t.pause_s, t.training_steps) == group and t.replan_interval == 1
+        ]
+        name = f"{group[0]}, {group[2]} training steps" + (f", pauses of {group[1]:g} s" if group[1] else "")
+        draw_rate(lookahead, [(t.lookahead, t.rate) for t in members], color=color, label=name)
+        draw_plan(plans, members, color)
+    lookahead.set(
+        xlabel="action of the newest chunk that is carried out, replanning at every step",
+        ylabel="success [%]",
+        ylim=(-3, 103),
+        title="the same policies, looking ahead",
+    )
+    lookahead.grid(alpha=0.3)
+    lookahead.legend(fontsize=8)
+    plans.set(
+        xlabel="action of the chunk [steps of 20 ms]",
+        ylabel="distance from the pose over the arms [rad]",
+        title="stalled at R=1: what the chunk plans (dotted: demonstrated)",
+    )
+    plans.set_xscale("symlog", linthresh=1)
+    plans.set_yscale("log")
+    plans.grid(alpha=0.3)
+    save(figure, path)
+
+
+def draw_plan(ax: Axes, trials: list[Trial], color: str) -> None:
+    for trial in trials:
+        if trial.stall is not None:
+            steps = range(len(trial.stall.plan))
+            ax.plot(steps, trial.stall.plan, color=color)
+            ax.plot(steps, trial.stall.demonstrated, color=color, linestyle=":")
+
+
+def save(figure: Figure, path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=110)
+    print(f"picture: {path}")
+
+
+def markdown(header: list[str], lines: list[list[str]]) -> str:
+    table = [header, ["---"] * len(header), *lines]
+    return "\n".join(f"| {' | '.join(line)} |" for line in table)
+
+
+def study_tables(cells: list[Cell]) -> str:
+    parts = []
+    for task in dict.fromkeys(cell.task for cell in cells):
+        for checkpoint in CHECKPOINTS:
+            group = [cell for cell in cells if (cell.task, cell.checkpoint) == (task, checkpoint)]
+            parts += [f"### {task}, {int(checkpoint)} training steps", markdown(HEADER, list(rows(group)))]
+    return "\n\n".join(parts)
+
+
+def stall_table(trials: list[Trial]) -> str:
+    header = ["task", "pauses [s]", "training steps", "R", "action", "success %", "95 % Wilson", "stalled"]
+    header += ["neighbours' steps (quartiles)", "far neighbours %"]
+    lines = []
+    for trial in trials:
+        low, high = trial.rate.interval
+        stall = trial.stall
+        where = ["-", "-"]
+        if stall is not None:
+            where = ["/".join(f"{step:.0f}" for step in stall.frames), f"{100 * stall.far_share:.0f}"]
+        lines.append(
+            [
+                *(trial.task, f"{trial.pause_s:g}", str(trial.training_steps), str(trial.replan_interval)),
+                *(str(trial.lookahead), f"{100 * trial.rate.rate:.1f}", f"{100 * low:.1f}-{100 * high:.1f}"),
+                *(str(trial.stalled), *where),
+            ]
+        )
+    return markdown(header, lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--results", type=Path, default=Path("benchmarks/results"))
+    parser.add_argument("--images", type=Path, default=Path("docs/images"))
+    args = parser.parse_args()
+    cells = [Cell(**each) for each in json.loads((args.results / "execution_study.json").read_text())]
+    stored = json.loads((args.results / "replanning_stall.json").read_text())
+    trials = [Trial(**{**each, "stall": each["stall"] and Stall(**each["stall"])}) for each in stored]
+    draw_study(cells, args.images / "execution_study.png")
+    draw_stall(trials, args.images / "replanning_stall.png")
+    print(study_tables(cells))
+    print(stall_table(trials))
+
+
+if __name__ == "__main__":
+    main()
