@@ -68,11 +68,11 @@ class TemporalEnsembleConfig(ExecutionFields, PreTrainedConfig):
         self._check_execution()
 
     def _adopt_observation_steps(self) -> None:
-        steps = self._inner_config.n_obs_steps
+        inner, steps = self._inner_config.type, self._inner_config.n_obs_steps
         if self.n_obs_steps not in (1, steps):
             raise ConfigurationError(
-                f"n_obs_steps={self.n_obs_steps}: the inner {self._inner_config.type} observes {steps} steps, "
-                "which is set in its own settings"
+                f"n_obs_steps={self.n_obs_steps}: the inner {inner} observes {steps} steps; that is one of "
+                "its own settings"
             )
         self.n_obs_steps = steps
 

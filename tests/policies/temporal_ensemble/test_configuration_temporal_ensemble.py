@@ -4,6 +4,7 @@ import dataclasses
 import json
 import shutil
 
+import draccus
 import pytest
 from lerobot.configs import PreTrainedConfig
 from lerobot.policies.diffusion.configuration_diffusion import DiffusionConfig
@@ -115,6 +116,16 @@ def test_what_is_saved_needs_no_path(tmp_path):
         tmp_path / "saved", cli_overrides=["--execution=crossfade", "--replan_interval=4"]
     )
     assert changed.execution_settings.crossfade_steps == 5
+
+
+def test_the_inner_policy_is_described_on_the_command_line():
+    arguments = ["--inner={type: act, chunk_size: 9, n_action_steps: 5}", "--replan_interval=2"]
+    config = draccus.parse(TemporalEnsembleConfig, args=[*arguments, "--device=cpu"])
+    assert (config.inner["type"], config.chunk_size, config.execution_settings.replan_interval) == (
+        "act",
+        9,
+        2,
+    )
 
 
 def test_features_filled_in_later_reach_the_inner_policy():

@@ -102,9 +102,9 @@ def test_environments_are_reset_and_replanned_alone(case, monkeypatch):
     asked = record_batch_sizes(together)
     after = act(together, case, 4, first=3)
     undisturbed = act(other, case, 4, first=3)
-    assert torch.allclose(after[:, [0, 2]], undisturbed[:, [0, 2]], rtol=0, atol=1e-5)
+    assert torch.allclose(after[:, [0, 2]], undisturbed[:, [0, 2]], rtol=0, atol=1e-4)
     fresh = act(case.wrapped(replan_interval=2), case, 4, first=3)
-    assert torch.allclose(after[:, 1], fresh[:, 1], rtol=0, atol=1e-5)
+    assert torch.allclose(after[:, 1], fresh[:, 1], rtol=0, atol=1e-4)
     assert not torch.allclose(after[:, 1], undisturbed[:, 1], rtol=0, atol=1e-3)
     assert asked == [1, 2, 1, 2]
 
@@ -198,7 +198,7 @@ def test_samples_of_one_environment_stay_together(monkeypatch):
     without_randomness(DIFFUSION, monkeypatch)
     policy = DIFFUSION.wrapped(execution="coherence", n_samples=6, replan_interval=2)
     plain = DIFFUSION.wrapped(execution="receding", replan_interval=2)
-    torch.testing.assert_close(act(policy, DIFFUSION, 5), act(plain, DIFFUSION, 5), rtol=0, atol=1e-5)
+    torch.testing.assert_close(act(policy, DIFFUSION, 5), act(plain, DIFFUSION, 5), rtol=0, atol=1e-4)
 
 
 def test_sample_weighting_needs_losses_per_sample():
