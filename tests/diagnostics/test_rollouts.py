@@ -2,53 +2,17 @@
 
 import numpy as np
 import pytest
-import torch
-from lerobot.configs import FeatureType, PolicyFeature, PreTrainedConfig
-from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from lerobot.scripts.lerobot_eval import rollout as lerobot_rollout
+from small_policies import CAMERA, CHUNK, JOINTS, START, make_policy
 
-import lerobot_act_chunking.policies.act_chunked.configuration_act_chunked  # noqa: F401  (registers the type)
 from lerobot_act_chunking.diagnostics.rollouts import environment_for, roll_out
 from lerobot_act_chunking.envs.aloha.tasks import sample_object_pose, stock_generator
 from lerobot_act_chunking.envs.configuration_envs import AlohaSimEnvConfig
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.policies.loading import LoadedPolicy
 
-STEPS, CHUNK, JOINTS = 23, 8, 14
+STEPS = 23
 SEEDS = (1003, 1000, 1007)
-SMALL = {"dim_model": 16, "n_heads": 2, "dim_feedforward": 24, "n_encoder_layers": 1, "use_vae": False}
-STATE = {
-    "observation.state": PolicyFeature(FeatureType.STATE, (JOINTS,)),
-    "observation.environment_state": PolicyFeature(FeatureType.ENV, (7,)),
-}
-CAMERA = {"observation.images.top": PolicyFeature(FeatureType.VISUAL, (3, 48, 64))}
-START = torch.tensor([0.0, -0.96, 1.16, 0.0, -0.3, 0.0, 0.5] * 2)
-
-
-def make_policy(type_: str = "act_chunked", inputs=STATE, **settings) -> LoadedPolicy:
-    """An untrained policy that moves about the start pose."""
-    actions = {"action": PolicyFeature(FeatureType.ACTION, (JOINTS,))}
-    config = PreTrainedConfig.get_choice_class(type_)(
-        device="cpu",
-        push_to_hub=False,
-        chunk_size=CHUNK,
-        input_features=dict(inputs),
-        output_features=actions,
-        **{**SMALL, **settings},
-    )
-    torch.manual_seed(0)
-    policy = get_policy_class(type_)(config).eval()
-    shapes = {key: feature.shape for key, feature in inputs.items() if feature.type is not FeatureType.VISUAL}
-    stats = {
-        key: {"mean": torch.zeros(shape), "std": torch.full(shape, 0.5)} for key, shape in shapes.items()
-    }
-    stats |= {
-        key: {"mean": torch.full((3, 1, 1), 0.5), "std": torch.ones(3, 1, 1)}
-        for key in inputs
-        if key not in shapes
-    }
-    stats["action"] = {"mean": START, "std": torch.full((JOINTS,), 0.05)}
-    return LoadedPolicy(policy, *make_pre_post_processors(config, dataset_stats=stats))
 
 
 def short(**options) -> AlohaSimEnvConfig:

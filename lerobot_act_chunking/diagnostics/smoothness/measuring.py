@@ -125,7 +125,7 @@ class _Study:
     def signal_report(self, signal: _Signal) -> SignalReport:
         groups = {name: self._measures(signal, name, dims, 1.0) for name, dims in self.groups.items()}
         joints = {
-            name: self._measures(signal, f"joints.{name}", dims, self.scale[dims[0]])
+            name: self._measures(signal, f"joints.{name}", dims, float(self.scale[dims[0]]))
             for name, dims in self.joints.items()
         }
         return SignalReport(**groups, joints=joints)

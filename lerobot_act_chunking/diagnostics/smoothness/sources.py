@@ -11,7 +11,7 @@ from lerobot.utils.constants import ACTION, OBS_STATE
 
 from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
 from lerobot_act_chunking.diagnostics.rollouts import Inference, Rollout, environment_for, roll_out
-from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
+from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES, get_task
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError
 from lerobot_act_chunking.policies.loading import LoadedPolicy, load_policy
 
@@ -23,7 +23,11 @@ Progress = Callable[[int], None]
 
 @dataclass(frozen=True)
 class EvaluationSpec:
-    """Which episodes a checkpoint is run for."""
+    """Which episodes a checkpoint is run for.
+
+    Raises:
+        ConfigurationError: too few episodes or environments, or an unknown task.
+    """
 
     task: str = "transfer_cube"
     success: str = "touch"
@@ -34,6 +38,9 @@ class EvaluationSpec:
     def __post_init__(self) -> None:
         if self.episodes < 2:
             raise ConfigurationError(f"episodes={self.episodes}: smoothness needs at least 2")
+        if self.n_envs < 1:
+            raise ConfigurationError(f"n_envs={self.n_envs} must be at least 1")
+        get_task(self.task)
 
 
 @dataclass(frozen=True)
