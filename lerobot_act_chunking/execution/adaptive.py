@@ -70,7 +70,7 @@ class AdaptiveEnsemble(NewestChunk):
         B, cells, A = self._plan.shape
         self._older = self._plan.new_zeros(B, self._n_older, cells, A)
         self._counts = torch.zeros(B, self._n_older, cells, dtype=torch.bool, device=chunk.device)
-        self._made_at = torch.zeros(B, self._n_older, dtype=torch.int64, device=chunk.device)
+        self._made_at = torch.full((B, self._n_older), -1, device=chunk.device)
         self._disagreements = self._plan.new_full((B, MEMORY), torch.nan)  # oldest first
 
     def _move_back(self) -> None:
@@ -120,7 +120,8 @@ class AdaptiveEnsemble(NewestChunk):
         votes = votes[..., free]
         if self._kernel == "cosine":
             change = votes - self._last_action[rows][:, None, None, free]
-            return self._scale * cosine_similarity(change, change[:, :1], dim=-1)
+            # The last action may be that of a rollout that ended in NaN.
+            return self._scale * cosine_similarity(change, change[:, :1], dim=-1).nan_to_num()
         squared = (votes - votes[:, :1]).square().sum(-1) / max(1, len(free))
         squared = squared.masked_fill(~counts, 0)
         distance = (squared.sum(-1) / counts.sum(-1).clamp(min=1)).sqrt()  # (n, C)
