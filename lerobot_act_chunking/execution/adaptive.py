@@ -105,7 +105,7 @@ class AdaptiveEnsemble(NewestChunk):
         votes = torch.cat([newest[:, None], self._older[rows, :, cells]], dim=1)  # (n, C, t, A)
         counts = self._counts[rows, :, cells]
         counts = pad(counts, (0, 0, 1, 0), value=True)
-        ages = pad(self._step - self._made_at[rows], (1, 0))
+        ages = pad(self._step - self._made_at[rows], (1, 0)).to(votes)
         weights = self._log_agreement(votes, counts, rows) + self._growth * ages[:, :, None]
         weights = weights.masked_fill(~counts, -torch.inf).softmax(1)
         mean = newest + (weights[..., None] * (votes - newest[:, None])).sum(1)

@@ -1,6 +1,7 @@
 import math
 import re
 
+import jaxtyping
 import pytest
 
 from lerobot_act_chunking.errors import ConfigurationError
@@ -67,8 +68,8 @@ def test_defaults(execution, fields, expected):
         ({"execution": "ensemble", "n_samples": 3}, "n_samples=3 has no effect with execution=ensemble"),
         (
             {"execution": "ensemble", "temporal_ensemble_coeff": -0.1},
-            "temporal_ensemble_coeff=-0.1 must be at least 0: to favour new predictions, for which LeRobot takes a "
-            "negative one, set ensemble_weighting=recency and a positive coefficient",
+            "temporal_ensemble_coeff=-0.1 must be at least 0: to favour new predictions, for which LeRobot "
+            "takes a negative one, set ensemble_weighting=recency and a positive coefficient",
         ),
         (
             {"execution": "ensemble", "temporal_ensemble_coeff": math.nan},
@@ -95,8 +96,8 @@ def test_defaults(execution, fields, expected):
         ({"execution": "receding", "n_action_steps": 1}, "replan_interval=1 must be below n_action_steps=1"),
         (
             {"execution": "receding", "replan_interval": 6, "latency_steps": 5},
-            "replan_interval=6 + latency_steps=5 exceeds n_action_steps=10: the old chunk would end before the new "
-            "one can be used",
+            "replan_interval=6 + latency_steps=5 exceeds n_action_steps=10: the old chunk would end before "
+            "the new one can be used",
         ),
         (
             {"execution": "ensemble", "replan_interval": 6, "latency_steps": 4},
@@ -114,8 +115,8 @@ def test_defaults(execution, fields, expected):
         ),
         (
             {"execution": "crossfade", "replan_interval": 6, "latency_steps": 1, "crossfade_steps": 4},
-            "crossfade_steps=4 must be between 1 and the overlap of two chunks, n_action_steps - replan_interval - "
-            "latency_steps = 3",
+            "crossfade_steps=4 must be between 1 and the overlap of two chunks, n_action_steps - "
+            "replan_interval - latency_steps = 3",
         ),
         (
             {"execution": "crossfade", "crossfade_steps": 0},
@@ -131,7 +132,10 @@ def test_defaults(execution, fields, expected):
         ({"gripper_dims": (2, 2)}, "gripper_dims=[2, 2] must be distinct indices from 0 on"),
     ],
 )
-def test_nonsense_is_refused_with_the_reason(fields, message):
+def test_nonsense_is_refused_with_the_reason(fields, message, monkeypatch):
+    monkeypatch.setattr(
+        jaxtyping.config, "jaxtyping_disable", True
+    )  # users have no type checker to ask first
     with pytest.raises(ConfigurationError, match=re.escape(message)):
         settings(**fields)
 
@@ -156,12 +160,11 @@ def test_weight_growth_is_positive_where_old_predictions_weigh_more(weighting, c
     assert chosen.weight_growth == growth
 
 
-@pytest.mark.parametrize("used", [2, 5, 10])
-@pytest.mark.parametrize("interval", [1, 2, 3, 4])
-@pytest.mark.parametrize("latency", [0, 1, 3])
+@pytest.mark.parametrize(
+    ("used", "interval", "latency"),
+    [(2, 1, 0), (5, 1, 0), (5, 2, 0), (5, 3, 1), (5, 1, 3), (10, 4, 1), (10, 3, 3)],
+)
 def test_the_most_chunks_that_cover_a_step(used, interval, latency):
-    if interval + latency >= used:
-        pytest.skip("no overlap")
     chosen = settings("ensemble", n_action_steps=used, replan_interval=interval, latency_steps=latency)
     covering = [
         sum(latency <= step - start < used for start in range(0, 60, interval)) for step in range(20, 40)
