@@ -16,38 +16,38 @@ DEFAULT_FPS = 50.0
 def bandwidth_command(
     checkpoint: Annotated[
         str | None,
-        typer.Argument(help="Checkpoint whose execution to analyse (options win over it). [default: ACT's]"),
+        typer.Argument(help="Checkpoint whose execution to analyse; options win over it; default: ACT's."),
     ] = None,
-    chunk_size: Annotated[int | None, typer.Option(help="K: control steps per chunk. [default: 100]")] = None,
+    chunk_size: Annotated[int | None, typer.Option(help="K: control steps per chunk; default: 100.")] = None,
     replan_interval: Annotated[
-        int | None, typer.Option(help="R: control steps between inferences. [default: 1]")
+        int | None, typer.Option(help="R: control steps between inferences; default: 1.")
     ] = None,
     weighting: Annotated[
         str | None,
-        typer.Option(help="act (old chunks weigh most), recency or uniform. [default: act]"),
+        typer.Option(help="act (old chunks weigh most), recency or uniform; default: act."),
     ] = None,
     coeff: Annotated[
-        float | None, typer.Option(help="m: how fast weights change with age [1/step]. [default: 0.01]")
+        float | None, typer.Option(help="m: how fast weights change with age per step; default: 0.01.")
     ] = None,
     latency_steps: Annotated[
-        int | None, typer.Option(help="d: control steps that an inference takes. [default: 0]")
+        int | None, typer.Option(help="d: control steps that an inference takes; default: 0.")
     ] = None,
     n_action_steps: Annotated[
-        int | None, typer.Option(help="Actions of each chunk that are used. [default: all]")
+        int | None, typer.Option(help="Actions of each chunk that are used; default: all.")
     ] = None,
     execution: Annotated[
         str | None,
         typer.Option(
-            help="open_loop, receding, ensemble, crossfade, adaptive, coherence. [default: ensemble]"
+            help="open_loop, receding, ensemble, crossfade, adaptive, coherence; default: ensemble."
         ),
     ] = None,
     crossfade_steps: Annotated[int | None, typer.Option(help="Length of a cross-fade.")] = None,
-    fps: Annotated[float | None, typer.Option(help="Control steps per second. [default: 50]")] = None,
+    fps: Annotated[float | None, typer.Option(help="Control steps per second; default: 50.")] = None,
     disturbance_hz: Annotated[
-        float | None, typer.Option(help="Limit: disturbances up to here must be followed [Hz].")
+        float | None, typer.Option(help="Limit: disturbances up to here must be followed, in Hz.")
     ] = None,
     max_settle_s: Annotated[
-        float | None, typer.Option(help="Limit: 90 % of a correction within this time [s].")
+        float | None, typer.Option(help="Limit: 90 % of a correction within this time, in s.")
     ] = None,
     loop_gain: Annotated[
         float | None, typer.Option(help="Limit: share of an error that one step's command removes.")
@@ -56,7 +56,7 @@ def bandwidth_command(
         str | None,
         typer.Option(help="transfer_cube or insertion: push the object in simulation. Needs a checkpoint."),
     ] = None,
-    push_m: Annotated[float, typer.Option(help="Length of the push along x [m].")] = 0.03,
+    push_m: Annotated[float, typer.Option(help="Length of the push along x, in m.")] = 0.03,
     push_step: Annotated[int, typer.Option(help="Control step of the push.")] = 40,
     episodes: Annotated[int, typer.Option(help="Episodes with and without a push.")] = 10,
     seed: Annotated[int, typer.Option(help="Seed of the first episode.")] = 1000,

@@ -137,8 +137,8 @@ def _measured(report: BandwidthReport) -> str:
     agreement = report.agreement
     assert agreement is not None  # noqa: S101  (its caller has looked)
     return (
-        f"the executor agrees to {agreement.step_error:.0e} (steps in every phase), "
-        f"{agreement.plan_error:.0e} (plan), {agreement.noise_error:.0e} (white noise)"
+        f"executor agrees to {agreement.step_error:.0e} (steps in every phase), "
+        f"{agreement.plan_error:.0e} (plan), {agreement.noise_error:.0e} (noise)"
     )
 
 

@@ -140,8 +140,10 @@ def _draw_sweep(bandwidths: Any, settles: Any, report: BandwidthReport) -> None:
             label=f"{_UNIFORM} fps / size (moving average)",
         )
         bandwidths.legend(fontsize=8)
-    sizes = [point.size for point in report.sweep]
-    settles.loglog(sizes, [max(point.settle_90_steps, 1) / report.fps for point in report.sweep], ".-")
+    slow = [
+        (point.size, point.settle_90_steps / report.fps) for point in report.sweep if point.settle_90_steps
+    ]
+    settles.loglog(*zip(*slow, strict=True), ".-")
     for ax, what in ((bandwidths, "bandwidth [Hz]"), (settles, "90 % of a step [s]")):
         ax.axvline(present, color="0.6", linewidth=1, linestyle="--")
         ax.set(xlabel=label, ylabel=what)

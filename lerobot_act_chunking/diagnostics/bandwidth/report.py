@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lerobot_act_chunking.diagnostics.bandwidth.advice import Advice, Limits, judge, recommend
+from lerobot_act_chunking.diagnostics.bandwidth.advice import LATE, Advice, Limits, judge, recommend
 from lerobot_act_chunking.diagnostics.bandwidth.closed_form import (
     ClosedForm,
     SweepPoint,
@@ -27,9 +27,6 @@ from lerobot_act_chunking.diagnostics.bandwidth.source import Source, check_posi
 
 if TYPE_CHECKING:
     from lerobot_act_chunking.diagnostics.bandwidth.push import PushStudy
-
-LATE = 0.5
-"""Share of a disturbance that may be missed; a moving average misses 46 % at a third of its bandwidth."""
 
 EXIT_CODES = {"pass": 0, "warn": 0, "fail": 1, "inconclusive": 2}
 
