@@ -147,7 +147,7 @@ def test_progress_names_the_checkpoint(tmp_path):
             ["a/last", "b/last"],
         ),
         (["me/act", "me/act_2"], ["act", "act_2"]),
-        (["me/act", "me/act"], ["act", "act"]),
+        (["me/act", "me/act"], ["me/act", "me/act"]),
         (["pretrained_model"], ["pretrained_model"]),
     ],
 )

@@ -70,9 +70,11 @@ def compare(
 
 
 def source_names(paths: Sequence[str]) -> list[str]:
-    """What tells paths apart: without folders that all begin with, and those that every checkpoint has."""
+    """As many of the last parts of each path as tell all apart, without those that every checkpoint has."""
     split = [[part for part in Path(path).parts if part not in EVERY_CHECKPOINT] or [path] for path in paths]
-    shared = 0
-    while len({tuple(parts[: shared + 1]) for parts in split}) == 1 and shared < min(map(len, split)) - 1:
-        shared += 1
-    return ["/".join(parts[shared:]) for parts in split]
+    names = list(paths)
+    for count in range(1, max(map(len, split)) + 1):
+        names = ["/".join(parts[-count:]) for parts in split]
+        if len(set(names)) == len(names):
+            break
+    return names
