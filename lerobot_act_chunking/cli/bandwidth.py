@@ -89,7 +89,7 @@ def bandwidth_command(
     push = None
     if env is not None:
         push = _push(source, task=env, push_m=push_m, push_step=push_step, episodes=episodes, seed=seed)
-        fps = fps or push.fps
+        fps = push.fps if fps is None else fps
     report = analyse(source, DEFAULT_FPS if fps is None else fps, limits, push)
     console = Console()
     print_card(report, console)
