@@ -123,8 +123,7 @@ class StandInVLA(StandIn):
     @torch.no_grad()
     def predict_action_chunk(self, batch, noise=None, **kwargs):
         self.received.append({"noise": noise, **kwargs})
-        batch["observation.state"][:, 0] *= -1
-        batch["observation.state"] = batch["observation.state"]
+        batch["observation.state"][:, 0] += 1
         images = batch["observation.images.left"] + 2 * batch["observation.images.right"]
         tokens = batch.get(TOKENS, torch.zeros(len(images), 1))
         return self.chunk(batch["observation.state"], images, tokens)

@@ -241,3 +241,11 @@ def test_only_samplers_and_policies_that_know_how_do_real_time_chunking(case):
     policy.init_rtc_processor()
     chunk = policy.predict_action_chunk(case.batch(), inference_delay=2, prev_chunk_left_over=None)
     assert chunk.shape == (B, case.chunk_size, A)
+
+
+@pytest.mark.filterwarnings("ignore:invalid escape sequence:DeprecationWarning")  # in LeRobot's template
+def test_the_model_card_says_what_is_read_and_how_chunks_are_executed(monkeypatch):
+    monkeypatch.setattr("huggingface_hub.ModelCard.validate", lambda *_: None)  # asks the Hub
+    card = ACT.wrapped(replan_interval=3).generate_model_card("me/cube", "temporal_ensemble", None, None)
+    assert "a new chunk is asked for every 3 steps" in card.text
+    assert "`observation.environment_state` | ENV | (7,)" in card.text
