@@ -50,7 +50,8 @@ class Rollout:
         positions: where the joints were when it asked, ``(T, A)`` in the same units.
         rewards: the reward after each step, ``(T,)``.
         success: whether the environment's rule was met at any step; that step is the last.
-        inferences: network calls while the episode was running, in order.
+        inferences: network calls while the episode was running, in order; none if the policy neither has a
+            `ChunkExecutor` nor calls its own ``predict_action_chunk`` (LeRobot's ``smolvla``).
     """
 
     seed: int

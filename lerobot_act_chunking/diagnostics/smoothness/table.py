@@ -34,9 +34,9 @@ def chunk_table(reports: Sequence[SmoothnessReport]) -> Table:
             "success\n%",
             "calls per\nepisode",
             "boundary\nratio 1",
-            "acceleration\nratio 1",
+            "accel.\nratio 1",
             "boundary\nto plan 1",
-            "disagreement ↓\nstd",
+            "disagree-\nment ↓ std",
         ),
     )
     for report in reports:
