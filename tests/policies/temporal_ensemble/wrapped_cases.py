@@ -120,7 +120,7 @@ ACT = Case(
 OURS = Case(
     "act_chunked",
     STATE | ENVIRONMENT,
-    {**SMALL, "chunk_size": 4, "chunk_stride": 3, "n_action_steps": 5},
+    {**SMALL, "chunk_size": 4, "chunk_stride": 3, "n_action_steps": 5, "execution": "open_loop"},
     chunk_size=10,
     executes=5,
 )
