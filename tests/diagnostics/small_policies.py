@@ -26,7 +26,7 @@ def make_policy(type_: str = "act_chunked", inputs=STATE, **settings) -> LoadedP
         chunk_size=CHUNK,
         input_features=dict(inputs),
         output_features=actions,
-        **{**SMALL, **settings},
+        **{**SMALL, **({"execution": "open_loop"} if type_ == "act_chunked" else {}), **settings},
     )
     torch.manual_seed(0)
     policy = get_policy_class(type_)(config).eval()
