@@ -1,7 +1,6 @@
 import math
 import re
 
-import jaxtyping
 import pytest
 
 from lerobot_act_chunking.errors import ConfigurationError
@@ -17,21 +16,20 @@ def settings(execution="open_loop", chunk_size=10, **fields):
     [
         ("open_loop", {}, {"n_action_steps": 10, "replan_interval": 10, "gripper_dims": ()}),
         ("open_loop", {"n_action_steps": 4}, {"n_action_steps": 4, "replan_interval": 4}),
-        ("receding", {}, {"n_action_steps": 10, "replan_interval": 5}),
-        ("receding", {"n_action_steps": 7}, {"replan_interval": 3}),
-        ("receding", {"latency_steps": 8}, {"replan_interval": 2}),
+        ("receding", {"n_action_steps": 2}, {"n_action_steps": 2, "replan_interval": 1}),
+        ("receding", {"latency_steps": 9}, {"replan_interval": 1}),
         (
             "ensemble",
             {},
-            {"temporal_ensemble_coeff": 0.01, "ensemble_weighting": "act", "replan_interval": 5},
+            {"temporal_ensemble_coeff": 0.01, "ensemble_weighting": "act"},
         ),
         ("ensemble", {"latency_steps": 8}, {"replan_interval": 1}),
         ("ensemble", {"ensemble_weighting": "uniform"}, {"temporal_ensemble_coeff": 0.0}),
         ("ensemble", {"temporal_ensemble_coeff": 0.0}, {"temporal_ensemble_coeff": 0.0}),
-        ("crossfade", {}, {"crossfade_steps": 5}),
+        ("crossfade", {"replan_interval": 5}, {"crossfade_steps": 5}),
         ("crossfade", {"chunk_size": 100}, {"crossfade_steps": 10}),
         ("crossfade", {"replan_interval": 6, "latency_steps": 1}, {"crossfade_steps": 3}),
-        ("crossfade", {"latency_steps": 5}, {"replan_interval": 4, "crossfade_steps": 1}),
+        ("crossfade", {"latency_steps": 8}, {"replan_interval": 1, "crossfade_steps": 1}),
         ("adaptive", {}, {"adaptive_kernel": "gate", "adaptive_scale": 3.0, "temporal_ensemble_coeff": 0.01}),
         ("adaptive", {"adaptive_kernel": "cosine"}, {"adaptive_scale": 5.0}),
         ("adaptive", {"adaptive_kernel": "gaussian"}, {"adaptive_scale": 1.5}),
@@ -42,6 +40,14 @@ def settings(execution="open_loop", chunk_size=10, **fields):
 def test_defaults(execution, fields, expected):
     chosen = settings(execution, **fields)
     assert {name: getattr(chosen, name) for name in expected} == expected
+
+
+@pytest.mark.parametrize("execution", ["receding", "ensemble", "crossfade", "adaptive", "coherence"])
+@pytest.mark.parametrize("chunk_size", [3, 10, 100])
+@pytest.mark.parametrize("latency", [0, 1])
+def test_by_default_replanning_leaves_an_overlap(execution, chunk_size, latency):
+    chosen = settings(execution, chunk_size, latency_steps=latency)
+    assert 1 <= chosen.replan_interval < chunk_size - latency
 
 
 @pytest.mark.parametrize(
@@ -132,10 +138,7 @@ def test_defaults(execution, fields, expected):
         ({"gripper_dims": (2, 2)}, "gripper_dims=[2, 2] must be distinct indices from 0 on"),
     ],
 )
-def test_nonsense_is_refused_with_the_reason(fields, message, monkeypatch):
-    monkeypatch.setattr(
-        jaxtyping.config, "jaxtyping_disable", True
-    )  # users have no type checker to ask first
+def test_nonsense_is_refused_with_the_reason(fields, message, unchecked):
     with pytest.raises(ConfigurationError, match=re.escape(message)):
         settings(**fields)
 
