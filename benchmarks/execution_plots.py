@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from execution_study import CHECKPOINTS, HEADER, Cell, rows
+from execution_study import HEADER, Cell, conditions, rows
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from replanning_stall import Stall, Trial
@@ -80,14 +80,14 @@ def draw_study(cells: list[Cell], path: Path) -> None:
     for column, task in enumerate(tasks):
         ax = axes[0, column]
         for name, (color, belongs) in CURVES.items():
-            for checkpoint, line in zip(CHECKPOINTS, ("-", "--"), strict=True):
-                group = [c for c in cells if (c.task, c.checkpoint) == (task, checkpoint)]
+            for (title, group), line in zip(conditions(cells, task), ("-", ":", "--"), strict=True):
                 points = [(interval(c), c.rate) for c in group if belongs(c.execution)]
-                label = f"{name}, {int(checkpoint)} training steps"
+                label = f"{name}, {title.partition(', ')[2]}"
                 draw_rate(ax, points, color=color, linestyle=line, label=label)
         replan_axis(ax)
         ax.set_title(task)
-        draw_bars(axes[1, column], [c for c in cells if (c.task, c.checkpoint) == (task, CHECKPOINTS[0])])
+        (_, trained), *_ = conditions(cells, task)
+        draw_bars(axes[1, column], trained)
     axes[0, 0].legend(fontsize=8, loc="lower right")
     save(figure, path)
 
@@ -168,9 +168,8 @@ def markdown(header: list[str], lines: list[list[str]]) -> str:
 def study_tables(cells: list[Cell]) -> str:
     parts = []
     for task in dict.fromkeys(cell.task for cell in cells):
-        for checkpoint in CHECKPOINTS:
-            group = [cell for cell in cells if (cell.task, cell.checkpoint) == (task, checkpoint)]
-            parts += [f"### {task}, {int(checkpoint)} training steps", markdown(HEADER, list(rows(group)))]
+        for title, group in conditions(cells, task):
+            parts += [f"### {title}", markdown(HEADER, list(rows(group)))]
     return "\n\n".join(parts)
 
 

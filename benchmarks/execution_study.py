@@ -3,8 +3,9 @@
     python benchmarks/execution_study.py [--tasks transfer_cube insertion] [--episodes 200]
 
 One quickstart policy per task (recorded and trained first if it is not there yet) acts under every mode,
-replanning interval and weighting below, always on the same episodes: once fully trained, and once from the
-checkpoint after a fifth of the training, where nothing is saturated. Every evaluation is written down when it
+replanning interval and weighting below, always on the same episodes: fully trained; fully trained, but the
+object is pushed before it is grasped; and from the checkpoint after a fifth of the training, where nothing is
+saturated. Every evaluation is written down when it
 is done, so the study can be stopped and gone on with, and tasks may run side by side in two processes.
 """
 
@@ -28,6 +29,9 @@ from lerobot_act_chunking.envs.aloha.tasks import TASKS
 FIRST_SEED = 1000  # lerobot-eval's
 CHECKPOINTS = ("004000", "000800")
 GRIPPERS = [6, 13]
+PUSH_STEP, PUSH_M = 40, 0.03
+CONDITIONS = (("004000", 0.0), ("004000", PUSH_M), ("000800", 0.0))
+"""Checkpoint, and length of the push [m]."""
 FEWEST_SUCCESSES = 20
 """Smoothness is that of successful episodes, and of no fewer than these."""
 
@@ -68,7 +72,7 @@ def ensemble(interval: int, weighting: str, coeff: float) -> Execution:
 
 @dataclass(frozen=True)
 class Cell:
-    """One evaluation: a policy's checkpoint, an execution, and what came of it."""
+    """One evaluation: a policy's checkpoint, an execution, a push [m], and what came of it."""
 
     task: str
     checkpoint: str
@@ -78,11 +82,12 @@ class Cell:
     mean_steps: float
     calls_per_episode: float
     smoothness: dict[str, float | None]
+    push_m: float = 0.0
 
     @property
     def key(self) -> str:
         """What identifies the evaluation."""
-        return cell_key(self.task, self.checkpoint, self.execution)
+        return cell_key(self.task, self.checkpoint, self.push_m, self.execution)
 
     @property
     def rate(self) -> SuccessRate:
@@ -90,8 +95,8 @@ class Cell:
         return SuccessRate(self.episodes - len(self.failed_seeds), self.episodes)
 
 
-def cell_key(task: str, checkpoint: str, execution: Execution) -> str:
-    return f"{task} {checkpoint} {label(execution)}"
+def cell_key(task: str, checkpoint: str, push_m: float, execution: Execution) -> str:
+    return f"{task} {checkpoint} {'pushed ' if push_m else ''}{label(execution)}"
 
 
 def label(execution: Execution) -> str:
@@ -127,15 +132,18 @@ def configure(policy: Any, execution: Execution) -> None:
 
 
 def evaluate(
-    loaded: Any, task: str, checkpoint: str, execution: Execution, episodes: int, progress: Any = None
+    loaded: Any, task: str, checkpoint: str, push_m: float, execution: Execution, **options: Any
 ) -> Cell:
     """Run the episodes of one cell and measure them."""
+    from lerobot_act_chunking.diagnostics.bandwidth.push import push_object
     from lerobot_act_chunking.diagnostics.rollouts import environment_for, roll_out
 
     configure(loaded.policy, execution)
     env_config = environment_for(loaded.policy.config, task=task, success="touch")
+    episodes = options.pop("episodes")
     seeds = range(FIRST_SEED, FIRST_SEED + episodes)
-    rollouts = roll_out(loaded, env_config, seeds, n_envs=100, progress=progress)
+    on_step = push_object(PUSH_STEP, push_m) if push_m else None
+    rollouts = roll_out(loaded, env_config, seeds, n_envs=100, on_step=on_step, **options)
     succeeded = [rollout for rollout in rollouts if rollout.success]
     return Cell(
         task=task,
@@ -146,6 +154,7 @@ def evaluate(
         mean_steps=sum(len(rollout.commands) for rollout in rollouts) / episodes,
         calls_per_episode=sum(len(rollout.inferences) for rollout in rollouts) / episodes,
         smoothness=smoothness(succeeded, loaded) if len(succeeded) >= FEWEST_SUCCESSES else {},
+        push_m=push_m,
     )
 
 
@@ -185,10 +194,10 @@ def study(story: Story, episodes: int, console: Console) -> list[Cell]:
 
     results = Results(story.folder / f"cells_{episodes}.json")
     cells = []
-    for checkpoint in CHECKPOINTS:
+    for checkpoint, push_m in CONDITIONS:
         loaded = None
         for execution in executions(checkpoint):
-            key = cell_key(story.task, checkpoint, execution)
+            key = cell_key(story.task, checkpoint, push_m, execution)
             if key not in results.cells:
                 path = story.train / "checkpoints" / checkpoint / "pretrained_model"
                 loaded = loaded or load_policy(path)
@@ -197,7 +206,8 @@ def study(story: Story, episodes: int, console: Console) -> list[Cell]:
                     bar_id = bar.add_task(key, total=episodes)
                     results.add(
                         evaluate(
-                            *(loaded, story.task, checkpoint, execution, episodes),
+                            *(loaded, story.task, checkpoint, push_m, execution),
+                            episodes=episodes,
                             progress=lambda n, bar=bar, bar_id=bar_id: bar.update(bar_id, completed=n),
                         )
                     )
@@ -250,12 +260,18 @@ HEADER = ["execution", "success %", "95 % Wilson", "paired p", "calls", *COLUMNS
 
 def show(cells: list[Cell], console: Console) -> None:
     for task in dict.fromkeys(cell.task for cell in cells):
-        for checkpoint in CHECKPOINTS:
-            group = [cell for cell in cells if (cell.task, cell.checkpoint) == (task, checkpoint)]
-            table = Table(*HEADER, title=f"{task}, {int(checkpoint)} training steps")
+        for title, group in conditions(cells, task):
+            table = Table(*HEADER, title=title)
             for row in rows(group):
                 table.add_row(*row)
             console.print(table)
+
+
+def conditions(cells: list[Cell], task: str) -> Iterator[tuple[str, list[Cell]]]:
+    """The cells of one task by condition."""
+    for checkpoint, push_m in CONDITIONS:
+        group = [c for c in cells if (c.task, c.checkpoint, c.push_m) == (task, checkpoint, push_m)]
+        yield f"{task}, {int(checkpoint)} training steps" + (", pushed" if push_m else ""), group
 
 
 def main() -> None:

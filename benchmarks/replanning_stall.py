@@ -31,7 +31,7 @@ from lerobot_act_chunking.cli.quickstart import Story
 from lerobot_act_chunking.diagnostics.success import SuccessRate
 from lerobot_act_chunking.envs.aloha.tasks import TASKS
 
-PAUSES = (0.2, 0.5, 1.0)
+PAUSES = (1.0, 0.5, 0.2)
 INTERVALS = (1, 5, 10, 25, 50)
 LOOKAHEADS = (1, 2, 5, 10)
 ARMS = [*range(6), *range(7, 13)]
@@ -220,9 +220,6 @@ class Trials:
 
 def study(trials: Trials) -> None:
     trained, early = (int(checkpoint) for checkpoint in CHECKPOINTS)
-    for pause in PAUSES:
-        for interval in INTERVALS:
-            trials.get("transfer_cube", pause, trained, interval)
     for task in TASKS:
         for steps in range(early, trained + 1, early):
             trials.get(task, 0.0, steps, 1)
@@ -233,6 +230,9 @@ def study(trials: Trials) -> None:
     ):
         for lookahead in LOOKAHEADS:
             trials.get(task, pause, steps, 1, lookahead)
+    for pause in PAUSES:
+        for interval in INTERVALS:
+            trials.get("transfer_cube", pause, trained, interval)
 
 
 def show(trials: Trials) -> None:

@@ -23,7 +23,6 @@ def main() -> None:
         device="cpu",
         push_to_hub=False,
         chunk_size=100,
-        n_action_steps=50,
         actions_per_query=5,
         dim_model=128,
         n_heads=4,

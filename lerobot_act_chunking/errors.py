@@ -7,8 +7,11 @@ class ActChunkingError(Exception):
     """Root of every error this package raises on purpose; the command line prints it without a traceback."""
 
 
-class ConfigurationError(ActChunkingError, ValueError):
-    """A setting that cannot work, found before anything expensive starts."""
+class ConfigurationError(ActChunkingError):
+    """A setting that cannot work, found before anything expensive starts.
+
+    Not a ValueError: LeRobot's command line swallows the messages of those ("Couldn't instantiate class").
+    """
 
 
 class FeatureError(ActChunkingError, KeyError):

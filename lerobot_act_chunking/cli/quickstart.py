@@ -30,7 +30,6 @@ POLICY = {
     "type": "act_chunked",
     "device": "cpu",
     "chunk_size": "100",
-    "n_action_steps": "50",
     "actions_per_query": "5",
     "dim_model": "128",
     "n_heads": "4",

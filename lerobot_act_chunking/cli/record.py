@@ -10,7 +10,7 @@ def record_command(
     repo_id: Annotated[str, typer.Option(help="Name of the dataset, user/name.")],
     root: Annotated[
         Path | None,
-        typer.Option(help="Folder of the dataset. [default: where LeRobot looks for the repo id]"),
+        typer.Option(help="Folder of the dataset. \\[default: where LeRobot looks for the repo id]"),
     ] = None,
     task: Annotated[str, typer.Option(help="transfer_cube or insertion.")] = "transfer_cube",
     episodes: Annotated[int, typer.Option(help="Successful episodes to record.")] = 50,
@@ -19,10 +19,10 @@ def record_command(
     ] = "state",
     velocity: Annotated[bool, typer.Option("--velocity", help="Also record joint velocities.")] = False,
     cameras: Annotated[
-        str, typer.Option(help="Cameras, as in top,angle,left_wrist. [default: top, none with --obs state]")
+        str, typer.Option(help="Cameras, as in top,angle,left_wrist. \\[default: top, none with --obs state]")
     ] = "",
-    image_height: Annotated[int, typer.Option(help="Height of every camera's video [px].")] = 480,
-    image_width: Annotated[int, typer.Option(help="Width of every camera's video [px].")] = 640,
+    image_height: Annotated[int, typer.Option(help="Height of every camera's video \\[px].")] = 480,
+    image_width: Annotated[int, typer.Option(help="Width of every camera's video \\[px].")] = 640,
     render_quality: Annotated[
         str, typer.Option(help="full (gym-aloha's look) or fast (no shadows and reflections; for CPUs).")
     ] = "full",
@@ -31,11 +31,11 @@ def record_command(
     ] = "hold",
     seed: Annotated[int, typer.Option(help="Seed of the first episode; lerobot-eval begins at 1000.")] = 0,
     speed: Annotated[float, typer.Option(help="The expert's pace, 1 is nominal.")] = 1.0,
-    waypoint_noise: Annotated[float, typer.Option(help="Random shift of free way-points, std [m].")] = 0.0,
+    waypoint_noise: Annotated[float, typer.Option(help="Random shift of free way-points, std \\[m].")] = 0.0,
     action_noise: Annotated[
-        float, typer.Option(help="Disturbance of the executed targets, std [rad]; recorded ones stay clean.")
+        float, typer.Option(help="Disturbance of what is executed, std \\[rad]; recorded targets stay clean.")
     ] = 0.0,
-    dwell: Annotated[float, typer.Option(help="Pause at each grasp and release [s].")] = 0.0,
+    dwell: Annotated[float, typer.Option(help="Pause at each grasp and release \\[s].")] = 0.0,
     workers: Annotated[int, typer.Option(help="Processes that play episodes; the dataset is the same.")] = 1,
 ) -> None:
     """Record an expert's successful episodes as a LeRobotDataset.

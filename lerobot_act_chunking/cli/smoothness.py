@@ -20,7 +20,7 @@ def smoothness_command(
     n_envs: Annotated[int, typer.Option(help="Checkpoints: episodes that run together.")] = 50,
     replan_interval: Annotated[
         int | None,
-        typer.Option(help="Datasets: control steps between the chunks that made the motion. [default: none]"),
+        typer.Option(help="Datasets: control steps between the chunks that made them. \\[default: none]"),
     ] = None,
     json_file: Annotated[
         Path | None, typer.Option("--json", help="Write all numbers, per joint too, here.")

@@ -13,7 +13,7 @@ def wrap_command(
         str, typer.Option(help="open_loop, receding, ensemble, crossfade, adaptive or coherence.")
     ] = "ensemble",
     replan_interval: Annotated[
-        int | None, typer.Option(help="Control steps between two chunks. \\[default: half a chunk]")
+        int | None, typer.Option(help="Control steps between two chunks. \\[default: a quarter of a chunk]")
     ] = None,
     n_action_steps: Annotated[
         int | None, typer.Option(help="How many of a chunk's first actions may be used. \\[default: all]")

@@ -49,7 +49,7 @@ class ExecutionSettings:
         chunk_size: K, what a predicted chunk covers [control steps].
         execution: the mode.
         n_action_steps: how many of a chunk's first actions may be used; all by default.
-        replan_interval: R [control steps]; half of ``n_action_steps`` by default.
+        replan_interval: R [control steps]; a quarter of ``n_action_steps`` by default.
         latency_steps: d, a chunk computed from the observation at s is used from s + d on; until then the
             older ones continue. The first chunk of a rollout is used at once.
         temporal_ensemble_coeff: m >= 0 [1 / control step], how fast weights change with age.
@@ -91,7 +91,7 @@ class ExecutionSettings:
     def _defaults(self) -> dict[str, object]:
         used = self.n_action_steps or self.chunk_size
         longest = used - self.latency_steps - (self.execution in _BLENDING)
-        interval = used if self.execution == "open_loop" else max(1, min(used // 2, longest))
+        interval = used if self.execution == "open_loop" else max(1, min(used // 4, longest))
         values: dict[str, object] = {"n_action_steps": used, "replan_interval": interval}
         if self.execution in ("ensemble", "adaptive"):
             weighting = self.ensemble_weighting or "act"

@@ -1,8 +1,11 @@
 import json
 import re
 
+import draccus
 import pytest
+from draccus.utils import DecodingError
 from lerobot.configs import FeatureType, NormalizationMode, PolicyFeature, PreTrainedConfig
+from lerobot.configs.train import TrainPipelineConfig
 from lerobot.optim.schedulers import CosineAnnealingWithWarmupSchedulerConfig
 from lerobot.policies.act.configuration_act import ACTConfig
 
@@ -64,11 +67,18 @@ def test_executed_steps_follow_the_chunk():
     assert make(chunk_size=40, chunk_stride=3).n_action_steps == 118
 
 
+def test_a_single_action_is_executed_open_loop():
+    assert make(chunk_size=1).execution == make(n_action_steps=1).execution == "open_loop"
+    assert make(preset="paper").execution == "open_loop"
+
+
 def test_execution_modes_fill_in_their_own_defaults():
     config = make(chunk_size=40)
+    settings = config.execution_settings
+    assert (settings.execution, settings.replan_interval, settings.crossfade_steps) == ("crossfade", 10, 10)
     config.execution = "ensemble"
     settings = config.execution_settings
-    assert (settings.replan_interval, settings.temporal_ensemble_coeff) == (20, 0.01)
+    assert (settings.replan_interval, settings.temporal_ensemble_coeff) == (10, 0.01)
     assert config.temporal_ensemble_coeff is None  # so that another mode can be chosen later
 
 
@@ -143,7 +153,7 @@ def test_a_constant_rate_may_warm_up():
         ({"execution": "average"}, "unknown execution 'average'; choose one of: open_loop, receding"),
         (
             {"temporal_ensemble_coeff": 0.01},
-            "temporal_ensemble_coeff=0.01 has no effect with execution=open_loop",
+            "temporal_ensemble_coeff=0.01 has no effect with execution=crossfade",
         ),
         (
             {"temporal_ensemble_coeff": -0.01, "execution": "ensemble"},
@@ -218,3 +228,9 @@ def test_a_run_whose_push_cannot_succeed_is_refused_at_its_start(monkeypatch):
     config = ActChunkedConfig(device="cpu")
     with pytest.raises(ConfigurationError, match=r"this run would push[\s\S]*push_to_hub=false"):
         config.get_optimizer_preset()
+
+
+def test_lerobots_command_line_shows_the_reason():
+    settings = ["--policy.type=act_chunked", "--policy.execution=crossfade", "--policy.crossfade_steps=90"]
+    with pytest.raises(DecodingError, match="crossfade_steps=90 must be between 1 and the overlap"):
+        draccus.parse(TrainPipelineConfig, args=["--dataset.repo_id=local/none", *settings])

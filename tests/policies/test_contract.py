@@ -106,14 +106,14 @@ def test_a_fresh_policy_predicts_chunks(case):
 
 
 def test_actions_are_the_columns_of_chunks(case):
-    policy, batch = case.policy(n_action_steps=3), case.batch()
+    policy, batch = case.policy(execution="open_loop", n_action_steps=3), case.batch()
     chunk = policy.predict_action_chunk(batch)
     actions = torch.stack([policy.select_action(batch) for _ in range(6)], dim=1)
     torch.testing.assert_close(actions, chunk[:, [0, 1, 2, 0, 1, 2]])
 
 
 def test_only_a_new_chunk_looks_at_the_observation(case):
-    policy, batch = case.policy(n_action_steps=3), case.batch()
+    policy, batch = case.policy(execution="open_loop", n_action_steps=3), case.batch()
     expected = policy.predict_action_chunk(batch)[:, 1]
     policy.select_action(batch)
     changed = {key: value + 1 if key.startswith("observation") else value for key, value in batch.items()}

@@ -87,14 +87,15 @@ def test_strided_predictions_are_interpolated():
 
 @pytest.mark.parametrize("n_action_steps", range(1, 14))
 def test_what_is_executed_does_not_depend_on_how_much_was_decoded(n_action_steps):
-    policy, batch = STATE.policy(chunk_stride=3, n_action_steps=n_action_steps), STATE.batch()
+    execution = {"execution": "open_loop", "n_action_steps": n_action_steps}
+    policy, batch = STATE.policy(chunk_stride=3, **execution), STATE.batch()
     expected = policy.predict_action_chunk(batch)[:, :n_action_steps]
     actions = torch.stack([policy.select_action(batch) for _ in range(n_action_steps)], dim=1)
     torch.testing.assert_close(actions, expected)
 
 
 def test_tools_can_see_when_the_next_inference_is_due():
-    policy, batch = STATE.policy(n_action_steps=3), STATE.batch()
+    policy, batch = STATE.policy(execution="open_loop", n_action_steps=3), STATE.batch()
     due = []
     for _ in range(4):
         due.append(len(policy._action_queue) == 0)

@@ -14,7 +14,7 @@ from lerobot.utils.constants import ACTION, OBS_STATE
 from lerobot_act_chunking.data.batch import FeatureSpec
 from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.errors import ConfigurationError, FeatureError, unknown_choice
-from lerobot_act_chunking.execution.settings import ExecutionSettings
+from lerobot_act_chunking.execution.settings import ExecutionSettings, Mode
 from lerobot_act_chunking.hub.preflight import check_push
 from lerobot_act_chunking.policies.act_chunked.presets import preset_values
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields
@@ -40,7 +40,9 @@ class ActChunkedConfig(ExecutionFields, PreTrainedConfig):
             a chunk of few actions covers seconds.
         n_action_steps: how many of a chunk's first actions may be executed [control steps]; by default all.
         execution: how chunks become actions; this and the other fields of execution (``replan_interval``,
-            ``latency_steps``, ``temporal_ensemble_coeff``, ...) are those of `ExecutionSettings`.
+            ``latency_steps``, ``temporal_ensemble_coeff``, ...) are those of `ExecutionSettings`. ``base``
+            replans four times a chunk and blends each new one in, ``paper`` runs each chunk to its end, as
+            LeRobot does.
         actions_per_query: consecutive actions that each decoder query emits; divides ``chunk_size``. 1 is
             ACT; more makes long chunks cheap.
         normalization_mapping: how each type of feature is normalised; types not named keep the preset's
@@ -86,6 +88,7 @@ class ActChunkedConfig(ExecutionFields, PreTrainedConfig):
     chunk_stride: int = 1
     n_action_steps: int = PRESET
     actions_per_query: int = 1
+    execution: Mode = PRESET
 
     normalization_mapping: dict[str, NormalizationMode] = PRESET
     norm_std_floor: float = PRESET
@@ -136,6 +139,8 @@ class ActChunkedConfig(ExecutionFields, PreTrainedConfig):
         pretrained = self.pretrained_backbone_weights is not None
         values = preset_values(self.preset, dim_model=self.dim_model, pretrained=pretrained)
         values["n_action_steps"] = self.timing.control_steps
+        if (self.n_action_steps or self.timing.control_steps) == 1:
+            values["execution"] = "open_loop"
         self.normalization_mapping = values["normalization_mapping"] | (self.normalization_mapping or {})
         for name, value in values.items():
             if getattr(self, name) is PRESET:

@@ -26,6 +26,7 @@ def preset_values(preset: str, *, dim_model: int | None, pretrained: bool) -> di
         return {
             "normalization_mapping": _mean_std("VISUAL", "STATE", "ACTION"),
             "norm_std_floor": 0.0,
+            "execution": "open_loop",
             "backbone_norm": "frozen_batch",
             "pre_norm": False,
             "dim_model": 512,
@@ -40,6 +41,7 @@ def preset_values(preset: str, *, dim_model: int | None, pretrained: bool) -> di
     return {
         "normalization_mapping": _mean_std("VISUAL", "STATE", "ENV", "ACTION"),
         "norm_std_floor": 1e-2,
+        "execution": "crossfade",
         "backbone_norm": "frozen_batch" if pretrained else "group",
         "pre_norm": True,
         "dim_model": 512,
