@@ -1,6 +1,6 @@
 """Small policies of every type and kind of input; a new policy adds its cases and inherits the contract."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import torch
@@ -10,6 +10,10 @@ from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor
 
 import lerobot_act_chunking.policies.act_chunked.configuration_act_chunked  # noqa: F401  (registers the type)
+from lerobot_act_chunking.policies.execution_fields import ExecutionFields
+from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
+    TemporalEnsembleConfig,
+)
 
 B, T, A = 3, 5, 4
 STATE = {"observation.state": PolicyFeature(FeatureType.STATE, (6,))}
@@ -68,6 +72,23 @@ class Case:
         return batch
 
 
+@dataclass(frozen=True)
+class WrappedCase(Case):
+    """The same policy as the inner one of a `temporal_ensemble`."""
+
+    def config(self, **overrides: Any) -> PreTrainedConfig:
+        own = {each.name for each in fields(ExecutionFields)} | {"n_action_steps"}
+        execution = {name: overrides.pop(name) for name in own & overrides.keys()}
+        return TemporalEnsembleConfig(
+            inner={"type": "act_chunked", "chunk_size": T, **SIZES, **self.settings, **overrides},
+            input_features=dict(self.inputs),
+            output_features={"action": PolicyFeature(FeatureType.ACTION, (A,))},
+            device="cpu",
+            push_to_hub=False,
+            **execution,
+        )
+
+
 CASES = [
     Case("state", "act_chunked", STATE),
     Case("environment", "act_chunked", ENVIRONMENT, {"n_decoder_layers": 2, "use_ema": True}),
@@ -75,3 +96,4 @@ CASES = [
     Case("cameras", "act_chunked", TOP | WRIST, {"use_vae": True}),
     Case("mixed", "act_chunked", STATE | TOP, {"preset": "paper"}),
 ]
+WRAPPED = WrappedCase("vectors", "temporal_ensemble", STATE | VELOCITY | ENVIRONMENT, {"use_ema": True})

@@ -7,12 +7,12 @@ import pytest
 import torch
 from lerobot.configs import PreTrainedConfig
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
-from policy_cases import CASES, A, B, T
+from policy_cases import CASES, WRAPPED, A, B, T
 
 from lerobot_act_chunking.errors import FeatureError
 
 
-@pytest.fixture(params=CASES, ids=lambda case: f"{case.type}-{case.name}")
+@pytest.fixture(params=[*CASES, WRAPPED], ids=lambda case: f"{case.type}-{case.name}")
 def case(request):
     return request.param
 
