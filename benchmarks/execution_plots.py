@@ -19,7 +19,7 @@ from replanning_stall import Stall, Trial
 
 from lerobot_act_chunking.diagnostics.success import SuccessRate
 
-DT = 0.02  # [s]
+NO_PAUSES = "transfer_cube, 4000 training steps"
 CURVES: dict[str, tuple[str, Callable[[dict[str, Any]], bool]]] = {
     "newest chunk": (
         "tab:red",
@@ -27,21 +27,8 @@ CURVES: dict[str, tuple[str, Callable[[dict[str, Any]], bool]]] = {
     ),
     "ensemble, act 0.01": ("tab:blue", lambda execution: _is_ensemble(execution, "act", 0.01)),
     "ensemble, recency 0.1": ("tab:green", lambda execution: _is_ensemble(execution, "recency", 0.1)),
-}
-BARS = {
-    "newest chunk": {"execution": "receding"},
-    "ensemble, act 0.01": {
-        "execution": "ensemble",
-        "ensemble_weighting": "act",
-        "temporal_ensemble_coeff": 0.01,
-    },
-    "ensemble, recency 0.1": {
-        "execution": "ensemble",
-        "ensemble_weighting": "recency",
-        "temporal_ensemble_coeff": 0.1,
-    },
-    "crossfade, 10 steps": {"execution": "crossfade", "crossfade_steps": 10},
-    "adaptive, gate": {"execution": "adaptive", "adaptive_kernel": "gate"},
+    "crossfade, 10 steps": ("tab:orange", lambda execution: execution.get("crossfade_steps") == 10),
+    "adaptive, gate": ("tab:purple", lambda execution: execution.get("adaptive_kernel") == "gate"),
 }
 
 
@@ -69,55 +56,56 @@ def replan_axis(ax: Axes) -> None:
     ax.set_xscale("log")
     ax.set_xticks([1, 5, 10, 25, 50, 100], ["1", "5", "10", "25", "50", "100"])
     ax.minorticks_off()
-    ax.set(xlabel="replan interval R [steps of 20 ms]", ylabel="success [%]", ylim=(-3, 103))
+    ax.set(xlabel="replan interval R [steps of 20 ms]")
     ax.grid(alpha=0.3)
 
 
 def draw_study(cells: list[Cell], path: Path) -> None:
+    """A row for each task: success in the three conditions, and how chunk boundaries look."""
     tasks = list(dict.fromkeys(cell.task for cell in cells))
-    figure = Figure(figsize=(6.2 * len(tasks), 8), layout="constrained")
-    axes = figure.subplots(2, len(tasks), squeeze=False)
-    for column, task in enumerate(tasks):
-        ax = axes[0, column]
-        for name, (color, belongs) in CURVES.items():
-            for (title, group), line in zip(conditions(cells, task), ("-", ":", "--"), strict=True):
+    figure = Figure(figsize=(16, 4 * len(tasks)), layout="constrained")
+    axes = figure.subplots(len(tasks), 4, squeeze=False)
+    for row, task in zip(axes, tasks, strict=True):
+        for ax, (title, group) in zip(row, conditions(cells, task), strict=False):
+            for name, (color, belongs) in CURVES.items():
                 points = [(interval(c), c.rate) for c in group if belongs(c.execution)]
-                label = f"{name}, {title.partition(', ')[2]}"
-                draw_rate(ax, points, color=color, linestyle=line, label=label)
-        replan_axis(ax)
-        ax.set_title(task)
+                draw_rate(ax, points, color=color, label=name)
+            replan_axis(ax)
+            ax.set(title=title, ylabel="success [%]", ylim=(-3, 103))
         (_, trained), *_ = conditions(cells, task)
-        draw_bars(axes[1, column], trained)
-    axes[0, 0].legend(fontsize=8, loc="lower right")
+        draw_boundaries(row[3], trained)
+    axes[0, 1].legend(fontsize=8)
     save(figure, path)
 
 
-def draw_bars(ax: Axes, cells: list[Cell]) -> None:
-    """Boundary discontinuity of the trained policy at R = 25 or, where only that was run, at 10."""
-    names, values = [], []
-    for name, wanted in BARS.items():
-        for R in (25, 10):
-            for cell in cells:
-                if {**wanted, "replan_interval": R}.items() <= cell.execution.items():
-                    ratio = cell.smoothness.get("boundary_ratio")
-                    if ratio is not None and "gripper_dims" not in cell.execution:
-                        names.append(f"{name}, R={R}")
-                        values.append(ratio)
-    bars = ax.barh(names[::-1], values[::-1], color="tab:gray")
-    ax.bar_label(bars, fmt="%.2f", padding=3)
-    ax.axvline(1, color="black", linewidth=0.8)
-    ax.margins(x=0.12)
-    ax.set(xlabel="boundary discontinuity ratio (1 is seamless)", title="trained policy, successful episodes")
+def draw_boundaries(ax: Axes, cells: list[Cell]) -> None:
+    """The executed step into a new chunk, over the step which that chunk itself plans next."""
+    for color, belongs in CURVES.values():
+        ratios = [
+            (interval(c), c.smoothness.get("boundary_to_plan_ratio")) for c in cells if belongs(c.execution)
+        ]
+        known = sorted((R, ratio) for R, ratio in ratios if ratio is not None)
+        ax.plot(*zip(*known, strict=True), marker="o", markersize=4, color=color)
+    ax.axhline(1, color="black", linewidth=0.8)
+    replan_axis(ax)
+    ax.set(
+        ylabel="step at boundaries / planned step",
+        ylim=(0, None),
+        title="boundaries (1 is seamless), trained",
+    )
 
 
-def draw_stall(trials: list[Trial], path: Path) -> None:
+def draw_stall(trials: list[Trial], cells: list[Cell], path: Path) -> None:
     figure = Figure(figsize=(15, 4.4), layout="constrained")
     pauses, lookahead, plans = figure.subplots(1, 3)
+    without = [c for title, group in conditions(cells, "transfer_cube") for c in group if title == NO_PAUSES]
+    points = [(interval(c), c.rate) for c in without if CURVES["newest chunk"][1](c.execution)]
+    draw_rate(pauses, points, color="tab:gray", label="no pauses")
     for pause, color in zip((0.2, 0.5, 1.0), ("tab:cyan", "tab:blue", "tab:purple"), strict=True):
         points = [(t.replan_interval, t.rate) for t in trials if t.pause_s == pause and not t.lookahead]
         draw_rate(pauses, points, color=color, label=f"pauses of {pause:g} s")
     replan_axis(pauses)
-    pauses.set_title("transfer_cube, demonstrations with pauses")
+    pauses.set(title="transfer_cube, demonstrations with pauses", ylabel="success [%]", ylim=(-3, 103))
     pauses.legend(fontsize=8)
     groups = dict.fromkeys((t.task, t.pause_s, t.training_steps) for t in trials if t.lookahead)
     for group, color in zip(groups, ("tab:orange", "tab:blue", "tab:green"), strict=False):
@@ -128,17 +116,17 @@ def draw_stall(trials: list[Trial], path: Path) -> None:
         draw_rate(lookahead, [(t.lookahead, t.rate) for t in members], color=color, label=name)
         draw_plan(plans, members, color)
     lookahead.set(
-        xlabel="action of the newest chunk that is carried out, replanning at every step",
+        xlabel="action of the newest chunk that is carried out, R=1",
         ylabel="success [%]",
         ylim=(-3, 103),
-        title="the same policies, looking ahead",
+        title="replanning at every step, looking ahead",
     )
     lookahead.grid(alpha=0.3)
     lookahead.legend(fontsize=8)
     plans.set(
         xlabel="action of the chunk [steps of 20 ms]",
         ylabel="distance from the pose over the arms [rad]",
-        title="stalled at R=1: what the chunk plans (dotted: demonstrated)",
+        title="stalled: the plan (dotted: demonstrated)",
     )
     plans.set_xscale("symlog", linthresh=1)
     plans.set_yscale("log")
@@ -204,7 +192,7 @@ def main() -> None:
     stored = json.loads((args.results / "replanning_stall.json").read_text())
     trials = [Trial(**{**each, "stall": each["stall"] and Stall(**each["stall"])}) for each in stored]
     draw_study(cells, args.images / "execution_study.png")
-    draw_stall(trials, args.images / "replanning_stall.png")
+    draw_stall(trials, cells, args.images / "replanning_stall.png")
     print(study_tables(cells))
     print(stall_table(trials))
 
