@@ -86,7 +86,7 @@ def test_another_mode_keeps_the_chunk_and_forgets_the_rest(tmp_path):
         **FEATURES,
     )
     asked = settings_of(config, tmp_path, temporal_ensemble_coeff=0.05)
-    assert asked == ensemble(20, 8, "act", 0.05, n_action_steps=16, latency_steps=2)
+    assert asked == ensemble(20, 4, "act", 0.05, n_action_steps=16, latency_steps=2)
     shorter = settings_of(config, tmp_path, execution="open_loop", n_action_steps=8, latency_steps=0)
     assert shorter == ExecutionSettings(20, "open_loop", 8)
 
