@@ -92,16 +92,19 @@ def bandwidth_command(
         fps = push.fps if fps is None else fps
     report = analyse(source, DEFAULT_FPS if fps is None else fps, limits, push)
     console = Console()
+    written = _write(report, json, out)  # before printing, which a closed pipe may end
     print_card(report, console)
-    _write(report, console, json, out)
+    for line in written:
+        console.print(line, soft_wrap=True)
     raise typer.Exit(report.exit_code)
 
 
-def _write(report: Any, console: Console, json: Path | None, out: Path | None) -> None:
+def _write(report: Any, json: Path | None, out: Path | None) -> list[str]:
+    written = []
     if json is not None:
-        console.print(f"numbers: {report.write_json(json)}", soft_wrap=True)
+        written.append(f"numbers: {report.write_json(json)}")
     if out is None:
-        return
+        return written
     if report.push is None:
         from lerobot_act_chunking.diagnostics.bandwidth.plots import plot_report
 
@@ -110,7 +113,7 @@ def _write(report: Any, console: Console, json: Path | None, out: Path | None) -
         from lerobot_act_chunking.diagnostics.bandwidth.push_plot import plot_push
 
         plot_push(report.push, out)
-    console.print(f"picture: {out}", soft_wrap=True)
+    return [*written, f"picture: {out}"]
 
 
 def _push(source: "Source", **options: Any) -> "PushStudy":

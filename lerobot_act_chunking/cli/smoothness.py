@@ -54,10 +54,13 @@ def smoothness_command(
             bar.update(lines[name], completed=finished)
 
         reports = compare(sources, spec, replan_interval=replan_interval, progress=show)
-    console.print(motion_table(reports), chunk_table(reports))
+    written = []  # before anything is printed, which a closed pipe may end
     if json_file is not None:
         json_file.parent.mkdir(parents=True, exist_ok=True)
         json_file.write_text(to_json(reports, {**asdict(spec), "replan_interval": replan_interval}))
-        console.print(f"numbers: {json_file}", soft_wrap=True)
+        written.append(f"numbers: {json_file}")
     if plot is not None:
-        console.print(f"picture: {plot_reports(reports, plot)}", soft_wrap=True)
+        written.append(f"picture: {plot_reports(reports, plot)}")
+    console.print(motion_table(reports), chunk_table(reports))
+    for line in written:
+        console.print(line, soft_wrap=True)

@@ -105,3 +105,13 @@ def test_help_explains_the_exit_status(capsys):
     assert "Exit status: 0 within the limits given" in printed
     assert "default: 100" in printed  # brackets would be taken for markup and vanish
     assert "within this time, in s" in printed
+
+
+def test_the_files_are_there_even_if_nobody_reads_the_output(tmp_path, monkeypatch):
+    def closed(*_, **__):
+        raise BrokenPipeError
+
+    monkeypatch.setattr("lerobot_act_chunking.diagnostics.bandwidth.card.print_card", closed)
+    with pytest.raises(BrokenPipeError):
+        main(["bandwidth", "--chunk-size", "10", "--json", str(tmp_path / "bandwidth.json")])
+    assert json.loads((tmp_path / "bandwidth.json").read_text())["settle_90_steps"] == 9
