@@ -8,6 +8,7 @@ replanning_stall}.png and prints the tables in Markdown.
 
 import argparse
 import json
+import statistics
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -190,11 +191,21 @@ def main() -> None:
     args = parser.parse_args()
     cells = [Cell(**each) for each in json.loads((args.results / "execution_study.json").read_text())]
     stored = json.loads((args.results / "replanning_stall.json").read_text())
-    trials = [Trial(**{**each, "stall": each["stall"] and Stall(**each["stall"])}) for each in stored]
+    trials = [
+        Trial(**{**each, "stall": each["stall"] and Stall(**each["stall"])}) for each in stored["trials"]
+    ]
     draw_study(cells, args.images / "execution_study.png")
     draw_stall(trials, cells, args.images / "replanning_stall.png")
     print(study_tables(cells))
     print(stall_table(trials))
+    for task, motion in stored["demonstrators"].items():
+        speed = motion["speed"]
+        slowest = min(range(10, len(speed)), key=speed.__getitem__)
+        left, right = motion["grippers"][slowest]
+        print(
+            f"{task} demonstrator: {statistics.median(speed):.2g} rad per step (median), {speed[slowest]:.2g} "
+            f"at its slowest step {slowest}, grippers at {left:.2f} and {right:.2f}"
+        )
 
 
 if __name__ == "__main__":

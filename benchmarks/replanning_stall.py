@@ -158,6 +158,20 @@ def look_at(stalled: list[Any], states: dict[int, np.ndarray], demos: dict[str, 
     )
 
 
+def demonstrator(story: Story, steps: int = 180) -> dict[str, list]:
+    """How the demonstrator moves: medians over the episodes, at each of the first steps.
+
+    ``speed`` [rad per step] is that of the arms' targets, ``grippers`` their targets (0 is closed).
+    """
+    demos = demonstrations(story)
+    episodes = [demos["action"][demos["episode"] == episode] for episode in np.unique(demos["episode"])]
+    actions = np.median([episode[: steps + 1] for episode in episodes], axis=0)
+    return {
+        "speed": np.linalg.norm(np.diff(actions[:, ARMS], axis=0), axis=1).tolist(),
+        "grippers": actions[:steps, [6, 13]].tolist(),
+    }
+
+
 class Trials:
     """Finished trials, on disk as soon as they are known, and the means to make the others."""
 
@@ -258,7 +272,11 @@ def main() -> None:
     study(trials)
     show(trials)
     args.out.parent.mkdir(parents=True, exist_ok=True)
-    args.out.write_text(json.dumps([asdict(trial) for trial in trials.done.values()]) + "\n")
+    document = {
+        "trials": [asdict(trial) for trial in trials.done.values()],
+        "demonstrators": {task: demonstrator(trials.story(task, 0.0)) for task in TASKS},
+    }
+    args.out.write_text(json.dumps(document) + "\n")
 
 
 if __name__ == "__main__":
