@@ -203,8 +203,8 @@ def main() -> None:
         slowest = min(range(10, len(speed)), key=speed.__getitem__)
         left, right = motion["grippers"][slowest]
         print(
-            f"{task} demonstrator: {statistics.median(speed):.2g} rad per step (median), {speed[slowest]:.2g} "
-            f"at its slowest step {slowest}, grippers at {left:.2f} and {right:.2f}"
+            f"{task} demonstrator: {statistics.median(speed):.2g} rad per step (median), "
+            f"{speed[slowest]:.2g} at its slowest step {slowest}, grippers at {left:.2f} and {right:.2f}"
         )
 
 
