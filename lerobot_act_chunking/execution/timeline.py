@@ -13,6 +13,7 @@ Environments = Int64[Tensor, " n"] | None  # None: all of them
 Rows = Float64[np.ndarray, "r T"]  # one row for all environments, or one for each
 
 EMPTY = 1e300  # share of the newest prediction in a cell without any
+NO_RHYTHM = (0, -1)  # steps elapsed since the last chunk, delay
 MAX_EXPONENT = math.log(1e100)  # far above any share that still counts, far below EMPTY
 
 
@@ -55,6 +56,7 @@ class Timeline(ABC):
             self._step = 0
             self._head = 1  # the current step's cell
             self._covered_until = 0  # up to this step it is known that all environments have a plan
+            self._rhythm, self._repeats = NO_RHYTHM, 0  # and for how many chunks in a row
         elif self._plan.numel():
             self._separate()
             self._shares[envs.numpy()] = EMPTY
@@ -63,6 +65,7 @@ class Timeline(ABC):
 
     def _separate(self) -> None:
         """From now on the environments may differ in what their cells have seen."""
+        self._rhythm, self._repeats = NO_RHYTHM, 0
         if len(self._shares) < len(self._plan):
             self._shares = np.repeat(self._shares, len(self._plan), axis=0)
             self._added_at = np.repeat(self._added_at, len(self._plan), axis=0)
@@ -99,10 +102,8 @@ class Timeline(ABC):
             self._allocate(chunk)
         chunk, window = self._used(chunk), self._window
         if envs is None:
-            gains = self._take_in(self._shares[:, window], self._step - self._added_at, delay)
-            self._added_at.fill(self._step)
+            self._plan[:, window].lerp_(chunk, self._gains_for_all(delay))
             self._covered_until = self._step + self.n_action_steps
-            self._plan[:, window].lerp_(chunk, self._per_dimension(gains, delay))
         else:
             self._separate()
             rows, envs = envs.numpy(), envs.to(self._plan.device)
@@ -113,6 +114,23 @@ class Timeline(ABC):
             self._plan[envs, window] = self._plan[envs, window].lerp_(
                 chunk, self._per_dimension(gains, delay)
             )
+
+    def _gains_for_all(self, delay: int) -> Float[Tensor, "r T A"]:
+        """How far the plan goes over to a new chunk; the shares are brought up to date.
+
+        In a steady rhythm both repeat from the moment on when no cell has seen another rhythm.
+        """
+        shares, elapsed = self._shares[:, self._window], self._step - self._added_at
+        self._added_at.fill(self._step)
+        rhythm = (int(elapsed[0, 0]), delay)
+        self._repeats = self._repeats + 1 if rhythm == self._rhythm and len(shares) == 1 else 0
+        self._rhythm = rhythm
+        if self._repeats * rhythm[0] <= self.n_action_steps:
+            self._steady_gains = self._per_dimension(self._take_in(shares, elapsed, delay), delay)
+            self._steady_shares = shares.copy()
+        else:
+            shares[:] = self._steady_shares
+        return self._steady_gains
 
     def _take_in(self, shares: Rows, elapsed: Int64[np.ndarray, "r 1"], delay: int) -> Rows:
         """Bring the shares up to date with a new chunk; returns how far each cell goes over to it."""

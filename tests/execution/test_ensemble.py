@@ -90,6 +90,30 @@ def test_any_rhythm_and_latency_with_steps_that_nothing_covers(growth, used, pla
         torch.testing.assert_close(timeline.pop(), expected, rtol=0, atol=1e-12)
 
 
+@settings(max_examples=60, deadline=None)
+@given(
+    growth=st.sampled_from([*COEFFS, -0.01, -0.5]),
+    used=st.integers(1, 6),
+    stretches=st.lists(
+        st.tuples(st.integers(0, 3), st.integers(0, 3), st.integers(1, 12)), min_size=1, max_size=4
+    ),
+)
+def test_a_steady_rhythm_may_change_at_any_moment(growth, used, stretches):
+    """Stretches of chunks for all environments: how far apart, how late, how many."""
+    rhythm = [(apart, delay) for apart, delay, count in stretches for _ in range(count)]
+    timeline, vote = TemporalEnsemble(used, growth), Votes(used, growth)
+    stream, step, usable = Stream(len(rhythm) + 1, chunk_size=6), 0, 0
+    for chunk, (apart, delay) in zip(stream.chunks, [(0, 0), *rhythm], strict=True):
+        for _ in range(apart):
+            torch.testing.assert_close(timeline.pop()[0], vote.action(step), rtol=0, atol=1e-12)
+            step += 1
+        usable = max(usable, step + delay)
+        late = min(usable - step, used)
+        timeline.add(chunk, None, late)
+        vote.add(step, chunk[0], late)
+    torch.testing.assert_close(timeline.pop()[0], vote.action(step), rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("coeff", [0.01, 0.0, 0.1, -0.01, -0.1])
 def test_equals_lerobots_when_replanning_at_every_step(coeff, dtype, unchecked):
