@@ -17,6 +17,7 @@ from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields
 from lerobot_act_chunking.policies.loading import LoadedPolicy, load_policy
+from lerobot_act_chunking.policies.temporal_ensemble.wrapping import load_wrapped
 
 # In radians; grippers (0 to 1) would drown them.
 _ARM_JOINTS = [i for i, name in enumerate(JOINT_NAMES) if not name.endswith("gripper")]
@@ -125,19 +126,7 @@ def load_for_execution(checkpoint: str) -> LoadedPolicy:
     """A checkpoint of any type as a policy whose execution can be changed; LeRobot's own are wrapped."""
     if isinstance(read_config(checkpoint), ExecutionFields):
         return load_policy(checkpoint)
-    from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
-        TemporalEnsembleConfig,
-    )
-    from lerobot_act_chunking.policies.temporal_ensemble.modeling_temporal_ensemble import (
-        TemporalEnsemblePolicy,
-    )
-    from lerobot_act_chunking.policies.temporal_ensemble.processor_temporal_ensemble import (
-        make_temporal_ensemble_pre_post_processors,
-    )
-
-    config = TemporalEnsembleConfig(inner_path=checkpoint)
-    policy = TemporalEnsemblePolicy(config).eval()
-    return LoadedPolicy(policy, *make_temporal_ensemble_pre_post_processors(config))
+    return load_wrapped(checkpoint)
 
 
 def apply_execution(policy: LoadedPolicy, settings: ExecutionSettings) -> None:
