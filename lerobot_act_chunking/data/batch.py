@@ -25,10 +25,10 @@ class FeatureSpec:
 
 @dataclass(frozen=True)
 class Observation:
-    """Normalised observations of the current step."""
+    """Normalised observations: of the current step (B, ...), or of the last H steps (B, H, ...)."""
 
-    vectors: dict[str, Float[Tensor, "B _"]]
-    images: dict[str, Float[Tensor, "B 3 _ _"]]
+    vectors: dict[str, Float[Tensor, "B *H _"]]
+    images: dict[str, Float[Tensor, "B *H 3 _ _"]]
 
     @property
     def batch_size(self) -> int:
@@ -44,7 +44,7 @@ class Observation:
 
     @classmethod
     def from_lerobot(cls, batch: Mapping[str, Any], spec: FeatureSpec) -> "Observation":
-        """Pick the observations of ``spec``.
+        """Pick the observations of ``spec``: the current step's.
 
         Raises:
             FeatureError: naming a key that is absent or has another shape than the policy was built for.
@@ -52,6 +52,36 @@ class Observation:
         return cls(
             vectors={key: _take(batch, key, shape) for key, shape in spec.vectors.items()},
             images={key: _take(batch, key, shape) for key, shape in spec.images.items()},
+        )
+
+    @classmethod
+    def window_from_lerobot(
+        cls, batch: Mapping[str, Any], spec: FeatureSpec, n_obs_steps: int
+    ) -> "Observation":
+        """Pick the observations (B, n_obs_steps, ...) of ``spec``; LeRobot loads one step without the axis.
+
+        Raises:
+            FeatureError: naming a key that is absent or has another shape than the policy was built for.
+        """
+        if n_obs_steps == 1 and not has_time_axis(batch, spec):
+            return cls.from_lerobot(batch, spec).as_window()
+        return cls(
+            vectors={key: _take(batch, key, (n_obs_steps, *shape)) for key, shape in spec.vectors.items()},
+            images={key: _take(batch, key, (n_obs_steps, *shape)) for key, shape in spec.images.items()},
+        )
+
+    def latest(self) -> "Observation":
+        """The current step's observations (B, ...) of a window."""
+        return Observation(
+            vectors={key: value[:, -1] for key, value in self.vectors.items()},
+            images={key: value[:, -1] for key, value in self.images.items()},
+        )
+
+    def as_window(self) -> "Observation":
+        """The current step's observations as a window (B, 1, ...) of one step."""
+        return Observation(
+            vectors={key: value[:, None] for key, value in self.vectors.items()},
+            images={key: value[:, None] for key, value in self.images.items()},
         )
 
 
@@ -73,6 +103,12 @@ class ActionTarget:
             actions=_take(batch, ACTION, (chunk_size, *spec.action)),
             is_pad=_take(batch, ACTION_IS_PAD, (chunk_size,)),
         )
+
+
+def has_time_axis(batch: Mapping[str, Any], spec: FeatureSpec) -> bool:
+    """Whether the observations of a batch come with a time axis (B, H, ...)."""
+    key, shape = next(iter((spec.vectors or spec.images).items()))
+    return isinstance(batch.get(key), Tensor) and batch[key].ndim == len(shape) + 2
 
 
 def first_non_finite(batch: Mapping[str, Any]) -> str | None:

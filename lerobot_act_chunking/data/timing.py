@@ -14,10 +14,14 @@ class ChunkTiming:
     ==============  ==================================================  ==============
     observations    t - n_obs_steps + 1 ... t                           n_obs_steps
     predictions     t, t + chunk_stride ... t + control_steps - 1       chunk_size
+      first_obs     t - n_obs_steps + 1 ... t + control_steps - 1       horizon
     interpolated    t ... t + control_steps - 1                         control_steps
     used            t ... t + n_action_steps - 1                        n_action_steps
     next inference  t + replan_interval (`execution.settings`)
     ==============  ==================================================  ==============
+
+    A chunk is the predictions from now on. With ``past_steps`` the network also predicts as many steps before
+    it, as Diffusion Policy does from the first observation on (``align=first_obs``).
 
     Raises:
         ConfigurationError: if a count is below 1.
@@ -26,6 +30,7 @@ class ChunkTiming:
     n_obs_steps: int
     chunk_size: int
     chunk_stride: int = 1
+    past_steps: int = 0
 
     def __post_init__(self) -> None:
         for name in ("n_obs_steps", "chunk_size", "chunk_stride"):
@@ -58,7 +63,12 @@ class ChunkTiming:
     @property
     def action_deltas(self) -> list[int]:
         """Steps of the predicted actions."""
-        return list(range(0, self.control_steps, self.chunk_stride))
+        return list(range(-self.past_steps * self.chunk_stride, self.control_steps, self.chunk_stride))
+
+    @property
+    def horizon(self) -> int:
+        """Actions that the network predicts."""
+        return self.past_steps + self.chunk_size
 
     def check_episode_length(self, longest_episode: int) -> None:
         """Refuse a dataset in which no episode is as long as one chunk.

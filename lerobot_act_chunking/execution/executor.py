@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from lerobot_act_chunking.execution.adaptive import AdaptiveEnsemble
@@ -137,6 +137,13 @@ class ChunkExecutor:
         action = self._timeline.pop()
         self._step += 1
         return action
+
+    def plan(self, envs: Environments = None) -> tuple[Float[Tensor, "n T A"], Bool[Tensor, "r T"]]:
+        """What would be executed from the current step on without a further chunk, and the steps it covers.
+
+        Empty before the first chunk. Covered has one row for all environments, or one for each.
+        """
+        return self._timeline.plan(envs)
 
     def _check(self, chunk: Tensor, envs: Environments) -> None:
         *_, n_chunks, length, n_dims = chunk.shape

@@ -1,0 +1,195 @@
+"""What the configurations of this package's policies have in common."""
+
+from dataclasses import dataclass
+from typing import Any, Literal, get_args, get_origin, get_type_hints
+
+from lerobot.configs import FeatureType, NormalizationMode, PreTrainedConfig
+from lerobot.optim import AdamWConfig, LRSchedulerConfig
+from lerobot.optim.schedulers import (
+    ConstantWithWarmupSchedulerConfig,
+    CosineAnnealingWithWarmupSchedulerConfig,
+)
+from lerobot.utils.constants import ACTION, OBS_STATE
+
+from lerobot_act_chunking.data.batch import FeatureSpec
+from lerobot_act_chunking.data.timing import ChunkTiming
+from lerobot_act_chunking.errors import ConfigurationError, FeatureError, unknown_choice
+from lerobot_act_chunking.execution.settings import ExecutionSettings
+from lerobot_act_chunking.hub.preflight import check_push
+from lerobot_act_chunking.policies.execution_fields import ExecutionFields
+
+PRESET: Any = None  # default of every field that is decided on construction
+
+
+@dataclass
+class ChunkedConfig(ExecutionFields, PreTrainedConfig):
+    """Settings of every policy that predicts chunks from any mix of state vectors and cameras.
+
+    Attributes:
+        chunk_stride: control steps between two predicted actions; what lies between is interpolated, so that
+            a chunk of few actions covers seconds.
+        n_action_steps: how many of a chunk's first actions may be executed [control steps]; by default all.
+        normalization_mapping: how each type of feature is normalised; types not named keep the default.
+        norm_std_floor: least spread that normalisation divides by, in raw units (0 = none).
+        vision_backbone: a torchvision ResNet, or ``small_cnn`` for small images on a CPU.
+        pretrained_backbone_weights: torchvision weights such as ``ResNet18_Weights.IMAGENET1K_V1``. They
+            must be in torch hub's cache; nothing is downloaded.
+        backbone_norm: normalisation layers of a ResNet. Pretrained weights need ``frozen_batch``; without
+            them it amounts to no normalisation at all.
+        use_ema: act with an exponential moving average of the weights.
+        ema_power: the average's decay after n updates is ``1 - n ** -ema_power`` ...
+        ema_max_value: ... up to this; use 0.999 for runs under 10 000 steps.
+        optimizer_lr: AdamW learning rate.
+        optimizer_lr_backbone: the same for the image backbone.
+        optimizer_weight_decay: AdamW weight decay.
+        optimizer_betas: AdamW moment decays.
+        lr_schedule: ``constant``, or ``cosine`` to zero over the run, both after the warm-up.
+        lr_warmup_steps: linear warm-up [optimiser steps].
+    """
+
+    chunk_stride: int = 1
+    n_action_steps: int = PRESET
+
+    normalization_mapping: dict[str, NormalizationMode] = PRESET
+    norm_std_floor: float = PRESET
+
+    vision_backbone: Literal["small_cnn", "resnet18", "resnet34", "resnet50"] = "resnet18"
+    pretrained_backbone_weights: str | None = None
+    backbone_norm: Literal["group", "frozen_batch"] = PRESET
+
+    use_ema: bool = False
+    ema_power: float = 0.75
+    ema_max_value: float = 0.9999
+
+    optimizer_lr: float = PRESET
+    optimizer_lr_backbone: float = 1e-5
+    optimizer_weight_decay: float = 1e-4
+    optimizer_betas: tuple[float, float] = PRESET
+    lr_schedule: Literal["constant", "cosine"] = PRESET
+    lr_warmup_steps: int = PRESET
+
+    @property
+    def timing(self) -> ChunkTiming:
+        """Which steps are observed and predicted."""
+        raise NotImplementedError
+
+    @property
+    def execution_settings(self) -> ExecutionSettings:
+        """How chunks are executed, with the mode's defaults filled in."""
+        return self.resolve_execution(self.timing.control_steps, self.n_action_steps)
+
+    def fill_in(self, values: dict[str, Any]) -> None:
+        """Set every field that was not given to its value here; given normalisations win one by one."""
+        self.normalization_mapping = values["normalization_mapping"] | (self.normalization_mapping or {})
+        for name, value in values.items():
+            if getattr(self, name) is PRESET:
+                setattr(self, name, value)
+
+    def check_choices(self) -> None:
+        """Refuse a value that is not among those its field lists.
+
+        Raises:
+            ConfigurationError: naming the field and its choices.
+        """
+        for name, hint in get_type_hints(type(self)).items():
+            if get_origin(hint) is Literal and getattr(self, name) not in get_args(hint):
+                raise unknown_choice(name, getattr(self, name), get_args(hint))
+
+    def check_divides(self, count: str, divisor: str) -> None:
+        """Refuse a ``count`` that is not a multiple of its ``divisor`` (both names of fields)."""
+        n, d = getattr(self, count), getattr(self, divisor)
+        if d < 1 or n % d:
+            raise ConfigurationError(f"{count}={n} must be divisible by {divisor}={d}")
+
+    def check_ranges(
+        self, *, at_least_1: tuple[str, ...], fractions: tuple[str, ...], not_negative: tuple[str, ...]
+    ) -> None:
+        """Refuse numbers outside the range of their fields; those that all policies share are included."""
+        for name in at_least_1:
+            if getattr(self, name) < 1:
+                raise ConfigurationError(f"{name}={getattr(self, name)} must be at least 1")
+        for name in ("ema_max_value", *fractions):
+            if not 0 <= getattr(self, name) < 1:
+                raise ConfigurationError(f"{name}={getattr(self, name)} must be at least 0 and below 1")
+        for name in ("norm_std_floor", "ema_power", *not_negative):
+            if not getattr(self, name) >= 0:
+                raise ConfigurationError(f"{name}={getattr(self, name)} must not be negative")
+
+    def check_backbone(self) -> None:
+        """Refuse pretrained weights with normalisation layers they were not trained with."""
+        if self.pretrained_backbone_weights is not None and self.backbone_norm != "frozen_batch":
+            raise ConfigurationError(
+                f"pretrained weights need backbone_norm=frozen_batch, not {self.backbone_norm}"
+            )
+
+    @property
+    def feature_spec(self) -> FeatureSpec:
+        """What the policy reads from a batch; ``observation.state`` first, the environment state last."""
+        inputs = self.input_features or {}
+        order = {FeatureType.STATE: 0, FeatureType.ENV: 1}
+        vectors = sorted(
+            (key for key, feature in inputs.items() if feature.type in order),
+            key=lambda key: (order[inputs[key].type], key != OBS_STATE, key),
+        )
+        if self.action_feature is None:
+            raise FeatureError(f"the policy needs an output feature {ACTION!r}")
+        return FeatureSpec(
+            vectors={key: tuple(inputs[key].shape) for key in vectors},
+            images={key: tuple(feature.shape) for key, feature in self.image_features.items()},
+            action=tuple(self.action_feature.shape),
+        )
+
+    def validate_features(self) -> None:
+        """Check the inputs and outputs that LeRobot filled in from the dataset or the environment.
+
+        Raises:
+            FeatureError: naming what is missing or has an unusable shape.
+        """
+        spec = self.feature_spec
+        if not spec.vectors and not spec.images:
+            raise FeatureError(
+                "the policy needs at least one state vector or camera among its input features"
+            )
+        for key, shape in {**spec.vectors, ACTION: spec.action}.items():
+            if len(shape) != 1:
+                raise FeatureError(f"{key!r} must be a vector, but its shape is {shape}")
+        for key, shape in spec.images.items():
+            if len(shape) != 3 or shape[0] != 3:
+                raise FeatureError(
+                    f"{key!r} must be an image of shape (3, height, width), but its shape is {shape}"
+                )
+
+    def get_optimizer_preset(self) -> AdamWConfig:
+        """AdamW with LeRobot's gradient clipping at norm 10.
+
+        LeRobot asks for it when a fresh run starts, and only then; so this is also where a run whose push at
+        the end cannot succeed is refused.
+
+        Raises:
+            ConfigurationError: naming the ways out, if the run would push and nothing could take the push.
+        """
+        check_push(self)
+        return AdamWConfig(
+            lr=self.optimizer_lr, betas=self.optimizer_betas, weight_decay=self.optimizer_weight_decay
+        )
+
+    def get_scheduler_preset(self) -> LRSchedulerConfig | None:
+        """The learning-rate schedule over the whole run; None if the rate never changes."""
+        if self.lr_schedule == "cosine":
+            return CosineAnnealingWithWarmupSchedulerConfig(self.lr_warmup_steps)
+        return ConstantWithWarmupSchedulerConfig(self.lr_warmup_steps) if self.lr_warmup_steps else None
+
+    @property
+    def observation_delta_indices(self) -> list[int] | None:
+        """Steps of the observations LeRobot loads."""
+        return self.timing.observation_deltas
+
+    @property
+    def action_delta_indices(self) -> list[int]:
+        """Steps of the actions LeRobot loads."""
+        return self.timing.action_deltas
+
+    @property
+    def reward_delta_indices(self) -> None:
+        """No rewards."""
+        return

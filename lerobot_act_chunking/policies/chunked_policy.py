@@ -1,0 +1,194 @@
+"""What this package's policies have in common: LeRobot's contract around a network that predicts chunks."""
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Self
+
+import torch
+from lerobot.policies.pretrained import PreTrainedPolicy
+from torch import Tensor, nn
+
+from lerobot_act_chunking.data.batch import Observation, first_non_finite, has_time_axis
+from lerobot_act_chunking.data.window import ObservationWindow
+from lerobot_act_chunking.errors import ConfigurationError, DatasetError
+from lerobot_act_chunking.execution.executor import ChunkExecutor
+from lerobot_act_chunking.execution.timeline import Environments
+from lerobot_act_chunking.hub.card import extend_card
+from lerobot_act_chunking.nn.ema import WeightAverage
+from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
+from lerobot_act_chunking.policies.statistics import check_finite
+
+FUSED_ADAMW_DEVICES = ("cpu", "cuda", "mps")
+
+Batch = dict[str, Any]
+
+
+class ChunkedPolicy(PreTrainedPolicy):
+    """Base of the policies: checks, weight averaging, checkpoints, and chunks executed one action at a time.
+
+    A policy adds ``config_class``, ``name``, its network, `forward` and `_predict`. Batches are LeRobot's:
+    normalised, on the policy's device. None is ever changed.
+
+    Args:
+        config: its settings, with input and output features.
+        dataset_stats: statistics of the training data, checked if given.
+        dataset_meta: LeRobot's metadata of the training data, checked if given.
+        load_backbone_weights: fill in ``pretrained_backbone_weights``; not if a checkpoint follows.
+
+    Raises:
+        FeatureError: if inputs or outputs cannot work.
+        ConfigurationError: if no episode is as long as a chunk, or pretrained weights are not cached.
+        DatasetError: if the statistics are not finite.
+    """
+
+    config_class = ChunkedConfig  # pyright: ignore[reportAssignmentType]  (LeRobot declares None)
+    name = "chunked"  # pyright: ignore[reportAssignmentType]
+    config: ChunkedConfig
+
+    def __init__(
+        self,
+        config: ChunkedConfig,
+        *,
+        dataset_stats: dict[str, dict[str, Any]] | None = None,
+        dataset_meta: Any | None = None,
+        load_backbone_weights: bool = True,
+        **_: Any,
+    ):
+        super().__init__(config)
+        config.validate_features()
+        if dataset_meta is not None and dataset_meta.episodes is not None:
+            config.timing.check_episode_length(max(dataset_meta.episodes["length"]))
+        if dataset_stats is not None:
+            check_finite(config, dataset_stats)
+        self.config = config
+        self.feature_spec = config.feature_spec
+        self.model = self._build(config.pretrained_backbone_weights if load_backbone_weights else None)
+        self.ema = (
+            WeightAverage(self.model, power=config.ema_power, max_value=config.ema_max_value)
+            if config.use_ema
+            else None
+        )
+        self.register_load_state_dict_post_hook(_adopt_average)
+        self.reset()
+
+    @abstractmethod
+    def _build(self, backbone_weights: str | None) -> nn.Module:
+        """The network that ``self.config`` describes."""
+
+    @abstractmethod
+    def _predict(self, window: Observation, envs: Environments, n_steps: int) -> Tensor:
+        """The first ``n_steps`` of the chunks (n, T, A), or of N samples (N, n, T, A), in evaluation mode.
+
+        Args:
+            window: observations (n, H, ...) of the environments asked for.
+            envs: which ones they are; None for all.
+            n_steps: control steps needed.
+        """
+
+    @property
+    @abstractmethod
+    def _backbone(self) -> nn.Module | None:
+        """The image backbone, which learns at its own rate."""
+
+    @classmethod
+    def from_pretrained(cls, pretrained_name_or_path: str | Path, **kwargs: Any) -> Self:
+        """Load a checkpoint, as LeRobot, but refuse one that does not fit in place of loading it in part.
+
+        Backbone weights come from the checkpoint, not from torch hub's cache.
+        """
+        kwargs = {"strict": True, "load_backbone_weights": False, **kwargs}
+        return super().from_pretrained(pretrained_name_or_path, **kwargs)
+
+    @property
+    def _network(self) -> Any:
+        """The network in use: the averaged one when acting, if there is one."""
+        return self.model if self.ema is None or self.training else self.ema.network
+
+    @torch.no_grad()
+    def select_action(self, batch: Batch, **_: Any) -> Tensor:
+        """The normalised action (B, A) of this control step. Call `reset` at the start of each rollout."""
+        observation = Observation.from_lerobot(batch, self.feature_spec)
+        self._window.push(observation)
+
+        def predict(envs: Environments) -> Tensor:
+            self.eval()
+            return self._predict(self._window.stack(envs), envs, self.config.n_action_steps)
+
+        return self._action_queue.step(predict, observation.batch_size)
+
+    def _window_of(self, batch: Batch) -> Observation:
+        """The observations (B, H, ...) to predict from: the batch's own, or its step behind those before."""
+        if has_time_axis(batch, self.feature_spec):
+            return Observation.window_from_lerobot(batch, self.feature_spec, self.config.n_obs_steps)
+        self._window.push(Observation.from_lerobot(batch, self.feature_spec))
+        return self._window.stack()
+
+    def reset(self, envs: Sequence[int] | Tensor | None = None) -> None:
+        """Forget all observations and chunks: a new rollout begins, in all environments or in these alone."""
+        if envs is None:  # anew, because evaluation may have changed the settings since
+            # LeRobot and its tools look for a queue under this name to learn when the next inference is due.
+            self._action_queue = ChunkExecutor(self.config.execution_settings)
+            self._window = ObservationWindow(self.config.n_obs_steps)
+        else:
+            envs = indices(envs)
+            self._action_queue.reset(envs)
+            self._window.reset(envs)
+
+    def update(self) -> None:
+        """Follow the weights with their average; LeRobot calls this after every optimiser step."""
+        if self.ema is not None:
+            self.ema.update(self.model)
+
+    def get_optim_params(self) -> list[dict[str, Any]]:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Parameter groups for the optimiser: the image backbone learns at its own rate.
+
+        The groups ask for PyTorch's fused AdamW, which LeRobot's AdamWConfig cannot: the same update, faster.
+        """
+        backbone = [] if self._backbone is None else list(self._backbone.parameters())
+        in_backbone = set(backbone)
+        rest = [p for p in self.model.parameters() if p not in in_backbone]
+        groups = [{"params": rest}, {"params": backbone, "lr": self.config.optimizer_lr_backbone}]
+        fused = rest[0].device.type in FUSED_ADAMW_DEVICES
+        return [{**group, "fused": fused} for group in groups if group["params"]]
+
+    def generate_model_card(self, *args: Any, dataset_meta: Any | None = None, **kwargs: Any) -> Any:
+        """LeRobot's model card, plus what this policy reads and how it acts."""
+        card = super().generate_model_card(*args, dataset_meta=dataset_meta, **kwargs)
+        return extend_card(card, self.config, fps=None if dataset_meta is None else dataset_meta.fps)
+
+    def _validate_peft_config(self, peft_config: Any) -> None:
+        super()._validate_peft_config(peft_config)
+        if self.ema is not None:
+            raise ConfigurationError("use_ema does not follow PEFT adapters: set --policy.use_ema=false")
+
+
+def indices(envs: Sequence[int] | Tensor) -> Tensor:
+    """Environments, given as indices or as a mask over all, as indices on the CPU."""
+    envs = torch.as_tensor(envs, device="cpu")
+    return envs.nonzero()[:, 0] if envs.dtype == torch.bool else envs.to(torch.int64)
+
+
+def _adopt_average(policy: ChunkedPolicy, incompatible: Any) -> None:
+    """Let a checkpoint and the policy that loads it differ in `use_ema`.
+
+    After weights without an average, one starts at them; an average that is not wanted is left behind.
+    """
+    without_average = [key for key in incompatible.missing_keys if not key.startswith("ema.")]
+    if policy.ema is not None and len(without_average) < len(incompatible.missing_keys):
+        policy.ema.restart(policy.model)
+    incompatible.missing_keys[:] = without_average
+    if policy.ema is None:
+        unexpected = [key for key in incompatible.unexpected_keys if not key.startswith("ema.")]
+        incompatible.unexpected_keys[:] = unexpected
+
+
+def not_finite(batch: Batch, metrics: dict[str, float]) -> DatasetError:
+    """The error for a loss that is NaN or infinite, with its most likely cause."""
+    key = first_non_finite(batch)
+    cause = (
+        "all inputs are finite: the weights have diverged, lower --policy.optimizer_lr"
+        if key is None
+        else f"{key!r} in the batch holds a NaN or an infinity: check the dataset"
+    )
+    return DatasetError(f"the loss is not finite ({metrics}); {cause}")
