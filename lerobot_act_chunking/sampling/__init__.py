@@ -1,0 +1,1 @@
+"""Generative sampling: noising processes, samplers, noise. Tensors in, tensors out; networks live elsewhere."""

@@ -1,0 +1,162 @@
+"""Real-time chunking: a new chunk that goes on where the chunk under way will be when it takes over."""
+
+from typing import Literal, get_args
+
+from collections.abc import Callable
+
+import torch
+from jaxtyping import Bool, Float, Shaped
+from torch import Tensor
+
+from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
+
+Denoise = Callable[[Float[Tensor, "B T A"], int], Float[Tensor, "B T A"]]
+
+PrefixSchedule = Literal["linear", "exp", "ones", "zeros"]
+Jacobian = Literal["exact", "identity"]
+
+
+def prefix_weights(
+    n_frozen: int, blend_end: int, horizon: int, schedule: PrefixSchedule = "exp"
+) -> Float[Tensor, " horizon"]:
+    """How much a new chunk is held to the plan at each of its steps (Black et al. 2025, eq. 5).
+
+    1 for the steps that will have passed when the chunk is ready, 0 from ``blend_end`` on, and in between:
+
+    ==========  =======================================================
+    linear      falling linearly
+    exp         falling faster: c (e^c - 1) / (e - 1) of the linear c
+    ones        1: held to all of the plan
+    zeros       0: held to the frozen steps alone
+    ==========  =======================================================
+
+    Args:
+        n_frozen: steps that the computation of the chunk will take.
+        blend_end: step at which the plan stops to count; a plan that ends before the computation freezes
+            fewer steps.
+        horizon: number of steps.
+        schedule: one of the above.
+
+    Raises:
+        ConfigurationError: unknown schedule.
+    """
+    if schedule not in get_args(PrefixSchedule):
+        raise unknown_choice("prefix_attention_schedule", schedule, get_args(PrefixSchedule))
+    end = min(blend_end, horizon)
+    start = min(n_frozen, end)
+    steps = torch.arange(horizon)
+    if schedule in ("ones", "zeros"):
+        return (steps < (end if schedule == "ones" else start)).float()
+    falling = ((end - steps) / (end - start + 1)).clamp(0, 1)
+    return falling * falling.expm1() / torch.ones(()).expm1() if schedule == "exp" else falling
+
+
+def at_predictions(
+    values: Shaped[Tensor, "n P *rest"], horizon: int, stride: int = 1, past_steps: int = 0
+) -> Shaped[Tensor, "n horizon *rest"]:
+    """What is given per control step from now on, at the steps that the network predicts; zero beyond.
+
+    Args:
+        values: plans (n, P, A) or weights (n, P).
+        horizon: number of predictions.
+        stride: control steps from one to the next.
+        past_steps: predictions before now, which come first.
+    """
+    known = values[:, ::stride][:, : horizon - past_steps]
+    spread = values.new_zeros(len(values), horizon, *values.shape[2:])
+    spread[:, past_steps : past_steps + known.shape[1]] = known
+    return spread
+
+
+def covered_steps(plan: Float[Tensor, "n P A"]) -> Bool[Tensor, "n P"]:
+    """The steps that are plan, not padding: those up to the last one with any value but zero.
+
+    LeRobot's engine fills up what is left of a chunk with zeros, and RTCProcessor guides towards them.
+    """
+    present = plan.ne(0).any(-1)
+    return present.flip(1).cummax(1).values.flip(1)
+
+
+def continued(
+    denoise: Denoise,
+    alphas: Float[Tensor, " n"],
+    sigmas: Float[Tensor, " n"],
+    plan: Float[Tensor, "B T A"],
+    weights: Float[Tensor, "#B T"],
+    *,
+    vjp: Jacobian = "exact",
+    max_weight: float = 5.0,
+) -> Denoise:
+    """Guide a denoiser towards chunks that continue a plan (real-time chunking, arXiv 2506.07339, eq. 2-5).
+
+    Let y be the plan, W the weights, x = alpha a + sigma e, and f(x) the network's estimate of a.
+    Pseudoinverse guidance (Song et al. 2023) takes a to be Gaussian around f with the variance it has if
+    actions are standard normal, r^2 = sigma^2 / (alpha^2 + sigma^2), so that grad log p(y | x) = J' W (y - f)
+    / r^2, J = df/dx. By Tweedie's formula f then becomes f + sigma^2 / alpha times that, which is f + sigma
+    w J' W (y - f) with w = (alpha^2 + sigma^2) / (alpha sigma). Flow has alpha = t, sigma = 1 - t: the
+    velocity, (f - x) / sigma, changes by w J' W (y - f), eq. 2, where the authors bound w. Any other process
+    is flow with x divided by alpha + sigma, under which sigma J, and so this formula, stays as it is.
+
+    LeRobot's RTCProcessor puts the identity in place of flow's J, here I / (alpha + sigma). It saves the
+    backward pass, and no action without weight hears of the plan but through x.
+
+    Without a plan (all weights zero) ``denoise`` itself is returned. Works for callers in inference mode;
+    gradients do not reach beyond it. Clipping belongs around it: inside, it would cut J.
+
+    Args:
+        denoise: gives the clean actions (B, T, A) for x (B, T, A) at evaluation i; any clipping excluded.
+        alphas: the share of the actions in x at each evaluation.
+        sigmas: the share of the noise.
+        plan: what the chunk should continue, at the predicted steps; any value where the weight is zero.
+        weights: one row for all environments, or one for each; zero rows leave an environment as it is.
+        vjp: with the network's Jacobian, or with the identity.
+        max_weight: bound of w; the paper has 5, LeRobot 10.
+
+    Raises:
+        ConfigurationError: unknown ``vjp``, or a bound that is not positive.
+    """
+    if vjp not in get_args(Jacobian):
+        raise unknown_choice("rtc_vjp", vjp, get_args(Jacobian))
+    if not max_weight > 0:
+        raise ConfigurationError(f"max_guidance_weight={max_weight} must be positive")
+    if not weights.any():
+        return denoise
+    strengths = guidance_strengths(alphas, sigmas, max_weight).tolist()
+    scales = (1 / (alphas + sigmas)).tolist()
+    held = weights.unsqueeze(-1).to(plan)
+
+    def guided_by_identity(x: Float[Tensor, "B T A"], i: int) -> Float[Tensor, "B T A"]:
+        clean = denoise(x, i)
+        return clean + strengths[i] * scales[i] * (held * (plan - clean))
+
+    # Inference mode would make the product zero without a word; outside of it, without gradients, tensors
+    # that were made in it may be captured by the denoiser.
+    @torch.inference_mode(False)
+    @torch.no_grad()
+    def guided(x: Float[Tensor, "B T A"], i: int) -> Float[Tensor, "B T A"]:
+        clean, pull_back = torch.func.vjp(lambda x: denoise(x, i), x)
+        return clean + strengths[i] * pull_back(held * (plan - clean))[0]
+
+    return guided if vjp == "exact" else guided_by_identity
+
+
+def guidance_strengths(
+    alphas: Float[Tensor, " n"], sigmas: Float[Tensor, " n"], max_weight: float
+) -> Float[Tensor, " n"]:
+    """Sigma times the bounded weight w of `continued`; also right at pure noise (alpha = 0) and at none."""
+    bounded = max_weight * sigmas
+    return torch.minimum(bounded, (alphas**2 + sigmas**2) / alphas)
+
+
+def held(denoise: Denoise, plan: Float[Tensor, "B T A"], frozen: Bool[Tensor, "#B T"]) -> Denoise:
+    """For networks trained on it: where ``frozen``, they see the plan in place of x, and answer with it.
+
+    Training-time real-time chunking (Black et al. 2025, arXiv 2512.05964); the network must be told the time
+    of clean actions at these steps.
+    """
+    mask = frozen.unsqueeze(-1)
+
+    def conditioned(x: Float[Tensor, "B T A"], i: int) -> Float[Tensor, "B T A"]:
+        return torch.where(mask, plan, denoise(torch.where(mask, plan, x), i))
+
+    return conditioned
