@@ -2,15 +2,12 @@
 
 from typing import Literal, get_args
 
-from collections.abc import Callable
-
 import torch
 from jaxtyping import Bool, Float, Shaped
 from torch import Tensor
 
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
-
-Denoise = Callable[[Float[Tensor, "B T A"], int], Float[Tensor, "B T A"]]
+from lerobot_act_chunking.sampling.samplers import Denoise
 
 PrefixSchedule = Literal["linear", "exp", "ones", "zeros"]
 Jacobian = Literal["exact", "identity"]
@@ -98,7 +95,8 @@ def continued(
     is flow with x divided by alpha + sigma, under which sigma J, and so this formula, stays as it is.
 
     LeRobot's RTCProcessor puts the identity in place of flow's J, here I / (alpha + sigma). It saves the
-    backward pass, and no action without weight hears of the plan but through x.
+    backward pass; actions without weight learn of the plan only through x. Either way the errors of f at
+    neighbouring steps count as if they were independent, which overdoes the correction of smooth motions.
 
     Without a plan (all weights zero) ``denoise`` itself is returned. Works for callers in inference mode;
     gradients do not reach beyond it. Clipping belongs around it: inside, it would cut J.
@@ -121,21 +119,24 @@ def continued(
         raise ConfigurationError(f"max_guidance_weight={max_weight} must be positive")
     if not weights.any():
         return denoise
-    strengths = guidance_strengths(alphas, sigmas, max_weight).tolist()
-    scales = (1 / (alphas + sigmas)).tolist()
-    held = weights.unsqueeze(-1).to(plan)
+    strengths = guidance_strengths(alphas, sigmas, max_weight)
+    if vjp == "identity":
+        strengths = (strengths / (alphas + sigmas)).nan_to_num()
+    strengths = strengths.tolist()
+    held_to = weights.unsqueeze(-1).to(plan)
 
     def guided_by_identity(x: Float[Tensor, "B T A"], i: int) -> Float[Tensor, "B T A"]:
         clean = denoise(x, i)
-        return clean + strengths[i] * scales[i] * (held * (plan - clean))
+        return clean + strengths[i] * (held_to * (plan - clean))
 
     # Inference mode would make the product zero without a word; outside of it, without gradients, tensors
     # that were made in it may be captured by the denoiser.
     @torch.inference_mode(False)
     @torch.no_grad()
     def guided(x: Float[Tensor, "B T A"], i: int) -> Float[Tensor, "B T A"]:
-        clean, pull_back = torch.func.vjp(lambda x: denoise(x, i), x)
-        return clean + strengths[i] * pull_back(held * (plan - clean))[0]
+        clean, pull_back, *_ = torch.func.vjp(lambda x: denoise(x, i), x)
+        (correction,) = pull_back(held_to * (plan - clean))
+        return clean + strengths[i] * correction
 
     return guided if vjp == "exact" else guided_by_identity
 
@@ -143,9 +144,11 @@ def continued(
 def guidance_strengths(
     alphas: Float[Tensor, " n"], sigmas: Float[Tensor, " n"], max_weight: float
 ) -> Float[Tensor, " n"]:
-    """Sigma times the bounded weight w of `continued`; also right at pure noise (alpha = 0) and at none."""
-    bounded = max_weight * sigmas
-    return torch.minimum(bounded, (alphas**2 + sigmas**2) / alphas)
+    """Sigma times the bounded weight w of `continued`, in the limit where alpha or sigma is zero.
+
+    Zero where both are: an estimate from nothing cannot be guided through x.
+    """
+    return torch.minimum(max_weight * sigmas, (alphas**2 + sigmas**2) / alphas).nan_to_num()
 
 
 def held(denoise: Denoise, plan: Float[Tensor, "B T A"], frozen: Bool[Tensor, "#B T"]) -> Denoise:

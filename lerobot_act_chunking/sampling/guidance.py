@@ -1,12 +1,10 @@
 """Classifier-free guidance: towards what a condition adds, such as an instruction or a goal."""
 
-from collections.abc import Callable
-
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-Denoise = Callable[[Float[Tensor, "B T A"], int], Float[Tensor, "B T A"]]
+from lerobot_act_chunking.sampling.samplers import Denoise
 
 
 def classifier_free(denoise: Denoise, scale: float) -> Denoise:
