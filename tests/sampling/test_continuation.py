@@ -1,3 +1,4 @@
+import jaxtyping
 import pytest
 import torch
 from torch import nn
@@ -68,7 +69,8 @@ class TestPrefixWeights:
         assert prefix_weights(9, 9, 3, schedule).tolist() == [1, 1, 1]
         assert not prefix_weights(3, 0, 6, schedule).any()
 
-    def test_unknown_schedule(self, unchecked):
+    def test_unknown_schedule(self, monkeypatch):
+        monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # it would refuse it first
         with pytest.raises(ConfigurationError, match="prefix_attention_schedule 'LINEAR'; choose one of: li"):
             prefix_weights(2, 6, 10, "LINEAR")
 
@@ -194,7 +196,8 @@ class TestStrength:
         with pytest.raises(ConfigurationError, match=f"max_guidance_weight={max_weight} must be positive"):
             continued(denoiser(), *FLOW, normal(B, T, A), SOFT, max_weight=max_weight)
 
-    def test_unknown_jacobian(self, unchecked):
+    def test_unknown_jacobian(self, monkeypatch):
+        monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
         with pytest.raises(
             ConfigurationError, match="unknown rtc_vjp 'none'; choose one of: exact, identity"
         ):
