@@ -3,11 +3,11 @@
 from typing import Literal, get_args
 
 import torch
-from jaxtyping import Bool, Float, Shaped
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
-from lerobot_act_chunking.sampling.samplers import Denoise
+from lerobot_act_chunking.sampling.solvers import Denoise
 
 PrefixSchedule = Literal["linear", "exp", "ones", "zeros"]
 Jacobian = Literal["exact", "identity"]
@@ -46,23 +46,6 @@ def prefix_weights(
         return (steps < (end if schedule == "ones" else start)).float()
     falling = ((end - steps) / (end - start + 1)).clamp(0, 1)
     return falling * falling.expm1() / torch.ones(()).expm1() if schedule == "exp" else falling
-
-
-def at_predictions(
-    values: Shaped[Tensor, "n P *rest"], horizon: int, stride: int = 1, past_steps: int = 0
-) -> Shaped[Tensor, "n horizon *rest"]:
-    """What is given per control step from now on, at the steps that the network predicts; zero beyond.
-
-    Args:
-        values: plans (n, P, A) or weights (n, P).
-        horizon: number of predictions.
-        stride: control steps from one to the next.
-        past_steps: predictions before now, which come first.
-    """
-    known = values[:, ::stride][:, : horizon - past_steps]
-    spread = values.new_zeros(len(values), horizon, *values.shape[2:])
-    spread[:, past_steps : past_steps + known.shape[1]] = known
-    return spread
 
 
 def covered_steps(plan: Float[Tensor, "n P A"]) -> Bool[Tensor, "n P"]:

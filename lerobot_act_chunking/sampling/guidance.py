@@ -4,7 +4,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from lerobot_act_chunking.sampling.samplers import Denoise
+from lerobot_act_chunking.sampling.solvers import Denoise
 
 
 def classifier_free(denoise: Denoise, scale: float) -> Denoise:

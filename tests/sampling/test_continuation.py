@@ -5,7 +5,6 @@ from torch import nn
 
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.sampling.continuation import (
-    at_predictions,
     continued,
     covered_steps,
     guidance_strengths,
@@ -75,27 +74,13 @@ class TestPrefixWeights:
             prefix_weights(2, 6, 10, "LINEAR")
 
 
-class TestPlanAtPredictions:
-    plan = torch.arange(1, 8.0)[None, :, None].expand(2, 7, A)  # (n, P, A), 7 control steps
-
-    def test_every_stride_th_step_then_nothing(self):
-        spread = at_predictions(self.plan, horizon=5, stride=3)
-        assert spread.shape == (2, 5, A)
-        assert spread[1, :, 2].tolist() == [1, 4, 7, 0, 0]
-
-    def test_predictions_before_now_come_first(self):
-        assert at_predictions(self.plan[..., 0], 4, stride=2, past_steps=1)[0].tolist() == [0, 1, 3, 5]
-
-    def test_a_plan_longer_than_the_chunk_is_cut(self):
-        assert at_predictions(self.plan[..., 0], 5)[1].tolist() == [1, 2, 3, 4, 5]
-
-    def test_padding_is_not_plan(self):
-        plan = self.plan[:, :4].clone()
-        plan[0, 1] = 0  # in the middle of a plan: an action like any other
-        plan[0, 3:] = 0
-        plan[1] = 0
-        assert covered_steps(plan).tolist() == [[True, True, True, False], [False] * 4]
-        assert covered_steps(plan[:, :0]).shape == (2, 0)
+def test_padding_is_not_plan():
+    plan = torch.ones(2, 4, A)
+    plan[0, 1] = 0  # in the middle of a plan: an action like any other
+    plan[0, 3:] = 0
+    plan[1] = 0
+    assert covered_steps(plan).tolist() == [[True, True, True, False], [False] * 4]
+    assert covered_steps(plan[:, :0]).shape == (2, 0)
 
 
 class TestExact:
