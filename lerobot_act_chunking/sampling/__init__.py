@@ -1,1 +1,1 @@
-"""Generative sampling: noising processes, samplers, noise. Tensors in, tensors out; networks live elsewhere."""
+"""Generative sampling: noising processes, samplers, noise. Tensors in, tensors out; networks live in nn."""

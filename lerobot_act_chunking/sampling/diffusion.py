@@ -1,50 +1,105 @@
 """Samplers of DDPM-style diffusion as tables: their times and weights, from diffusers' schedulers.
 
-Every such sampler takes linear steps, whose weights are known before the first evaluation. From a table the
-update is two operations; `scheduler.step` takes many times as long, about as long as a small network.
+All of these samplers take linear steps, whose weights are known before the first evaluation. From a table a
+step is two operations, whereas a scheduler's own step takes longer than evaluating a small network, and
+carries state that no two threads may share.
 """
 
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from lerobot_act_chunking.sampling.process import Diffusion
 from lerobot_act_chunking.sampling.solvers import LinearSampler, Step, deterministic_steps
 
+MIN_LOG_SNR = -5.1  # DPM-Solver++ starts above it: its steps in log(alpha / sigma) are unbounded below
 
-def make(
+
+def make_diffusion_sampler(
     process: Diffusion,
     name: str,
     num_inference_steps: int,
+    *,
     spacing: str | None,
     strength: float,
     clip: float | None,
     clip_mode: str,
 ) -> LinearSampler:
-    times = _times(process, num_inference_steps, spacing or "leading", strength)
-    alphas, sigmas = process.levels(times)
-    levels = [*zip(alphas.double().tolist(), sigmas.double().tolist(), strict=True), (1.0, 0.0)]
-    if name == "ddim":
-        steps = deterministic_steps(levels, keep_direction=clip_mode == "lerobot")
-    else:
-        steps = _ancestral_steps(levels)
+    """``ddim``, ``ddpm`` or ``dpm++``; see `make_sampler`. The arguments are checked."""
+    scheduler = _scheduler(process, name, spacing)
+    scheduler.set_timesteps(num_inference_steps)
+    times = scheduler.timesteps.float()
+    start = _start(times, strength * (process.num_train_timesteps - 1)) if strength < 1 else 0
+    times = times[start:]
+    match name:
+        case "dpm++":
+            steps = _steps_of(scheduler, start)
+        case "ddpm":
+            steps = ancestral_steps(_levels(process, times))
+        case _:
+            steps = deterministic_steps(_levels(process, times), keep_direction=clip_mode == "lerobot")
     return LinearSampler(times, clip, steps)
 
 
-def _times(process, num_inference_steps, spacing, strength):
-    from diffusers.schedulers.scheduling_ddim import DDIMScheduler
+def ancestral_steps(levels: Sequence[tuple[float, float]]) -> tuple[Step, ...]:
+    """DDPM: the posterior of the next x given x and the clean actions (Ho et al. 2020, eq. 7).
 
-    scheduler = DDIMScheduler(**process.scheduler_settings(), timestep_spacing=spacing)
-    scheduler.set_timesteps(num_inference_steps)
-    times = scheduler.timesteps.float()
-    start = (times - strength * (process.num_train_timesteps - 1)).abs().argmin() if strength < 1 else 0
-    return times[start:]
-
-
-def _ancestral_steps(levels) -> tuple[Step, ...]:
-    """DDPM (Ho et al. 2020, eq. 7) with the posterior's variance."""
+    Args:
+        levels: (alpha, sigma) of every evaluation, and last of the result.
+    """
     steps = []
-    for (alpha, sigma), (next_alpha, next_sigma) in zip(levels, levels[1:], strict=False):
+    for (alpha, sigma), (next_alpha, next_sigma) in pairwise(levels):
         kept = alpha / next_alpha
         beta = 1 - kept**2
-        shrink = (next_sigma / sigma) ** 2
-        steps.append(Step(kept * shrink, next_alpha * beta / sigma**2, noise=(shrink * beta) ** 0.5))
+        shrunk = (next_sigma / sigma) ** 2
+        steps.append(Step(kept * shrunk, next_alpha * beta / sigma**2, noise=(shrunk * beta) ** 0.5))
+    return tuple(steps)
+
+
+def _scheduler(process: Diffusion, name: str, spacing: str | None) -> Any:
+    settings = process.scheduler_settings()
+    if name == "dpm++":
+        from diffusers.schedulers.scheduling_dpmsolver_multistep import DPMSolverMultistepScheduler
+
+        return DPMSolverMultistepScheduler(
+            **settings,
+            solver_order=2,
+            lower_order_final=True,
+            final_sigmas_type="zero",
+            timestep_spacing="trailing",
+            lambda_min_clipped=MIN_LOG_SNR,
+        )
+    from diffusers.schedulers.scheduling_ddim import DDIMScheduler
+
+    return DDIMScheduler(**settings | {"timestep_spacing": spacing or "leading"})
+
+
+def _start(times: Float[Tensor, " n"], wanted: float) -> int:
+    return int((times - wanted).abs().argmin())
+
+
+def _levels(process: Diffusion, times: Float[Tensor, " n"]) -> list[tuple[float, float]]:
+    """Alpha and sigma of every time, and of the clean result."""
+    alphas, sigmas = process.levels(torch.cat([times, times.new_tensor([process.clean_time])]))
+    return list(zip(alphas.tolist(), sigmas.tolist(), strict=True))
+
+
+def _steps_of(scheduler: Any, start: int) -> tuple[Step, ...]:
+    """The weights of a scheduler that looks back one step, read off by letting it step through unit vectors.
+
+    Args:
+        scheduler: with its timesteps set.
+        start: index of the first timestep to use.
+    """
+    scheduler.set_begin_index(start)
+    n = len(scheduler.timesteps)
+    x, *cleans = torch.eye(n + 1)
+    steps = []
+    for i in range(start, n):
+        weights = scheduler.step(cleans[i], scheduler.timesteps[i], x).prev_sample.tolist()
+        steps.append(Step(weights[0], weights[1 + i], of_previous=weights[i] if i > start else 0.0))
     return tuple(steps)

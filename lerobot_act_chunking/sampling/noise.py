@@ -54,3 +54,56 @@ class NoiseSource:
             mixed = np.random.SeedSequence((self.seed, env)).generate_state(1, np.uint64)
             self._generators[env] = torch.Generator().manual_seed(int(mixed[0]))
         return self._generators[env]
+
+
+class NoiseHold:
+    """Noise that stays with the keyframe it was drawn for, however often that is planned again.
+
+    The sampler then sees the same noise for the same moment, and stays with the mode it has begun.
+
+    Args:
+        source: where new noise comes from; it is drawn keyframe by keyframe, so that it does not depend on
+            the replanning rhythm.
+    """
+
+    def __init__(self, source: NoiseSource):
+        self.source = source
+        self._held: dict[int, tuple[int, Float[Tensor, "t A"]]] = {}  # first keyframe, noise from there on
+
+    def reset(self, envs: Iterable[int] | None = None) -> None:
+        """Forget these environments' noise; all: equal to a fresh one. The source is not reset."""
+        for env in list(self._held) if envs is None else envs:
+            self._held.pop(int(env), None)
+
+    def draw(
+        self, batch_size: int, shape: tuple[int, int], first: int, *, envs: Iterable[int] | None = None
+    ) -> Float[Tensor, "n T A"]:
+        """Noise for a chunk of each environment.
+
+        Args:
+            batch_size: number of environments, used where ``envs`` is None: they are then 0, 1, ...
+            shape: keyframes and dimensions of a chunk.
+            first: number of the chunk's first keyframe, counted from any moment on that stays the same.
+            envs: indices of the environments.
+
+        Raises:
+            ValueError: keyframes before those of an earlier chunk.
+        """
+        rows = range(batch_size) if envs is None else [int(env) for env in envs]
+        return torch.stack([self._chunk(env, shape, first) for env in rows])
+
+    def _chunk(self, env: int, shape: tuple[int, int], first: int) -> Float[Tensor, "T A"]:
+        horizon, action_dim = shape
+        held_first, held = self._held.get(env, (first, torch.empty(0, action_dim)))
+        if first < held_first:
+            raise ValueError(
+                f"keyframe {first} of environment {env} lies before its last chunk, which began at "
+                f"{held_first}: reset first"
+            )
+        (generator,) = self.source.generators(1, [env])
+        missing = range(held_first + len(held), first + horizon)
+        new = [torch.randn(action_dim, generator=generator) for _ in missing]
+        noise = torch.cat([held, torch.stack(new)]) if new else held
+        noise = noise[first - held_first :]
+        self._held[env] = (first, noise)
+        return noise[:horizon]

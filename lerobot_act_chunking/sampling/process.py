@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch
 from jaxtyping import Float
@@ -29,6 +29,7 @@ class Process(ABC):
     """
 
     name: ClassVar[str]
+    clean_time: ClassVar[float]  # at which x is the actions: levels (1, 0)
     prediction_types: ClassVar[tuple[str, ...]]
     prediction_type: str
 
@@ -75,7 +76,7 @@ class Process(ABC):
         return of_x * x + of_output * output
 
     def clean_weights(self, time: Float[Tensor, "*S"]) -> tuple[Float[Tensor, "*S"], Float[Tensor, "*S"]]:
-        """`clean` is ``of_x * x + of_output * output``; a table of both, made once, saves time at inference."""
+        """`clean` is ``of_x * x + of_output * output``: tables for inference, made once for all times."""
         if self.prediction_type == "sample":
             return torch.zeros_like(time), torch.ones_like(time)
         alpha, sigma = self.levels(time)
@@ -96,7 +97,7 @@ class Process(ABC):
 
 @dataclass(frozen=True)
 class Diffusion(Process):
-    """DDPM (Ho et al. 2020): variance preserving, in integer steps; step 0 is nearly clean, T - 1 nearly noise.
+    """DDPM (Ho et al. 2020), in integer steps: -1 is clean, 0 nearly so, and T - 1 nearly noise.
 
     Alpha-bar comes from diffusers' scheduler of the same settings. ``v_prediction`` is Salimans & Ho 2022.
 
@@ -112,6 +113,7 @@ class Diffusion(Process):
     """
 
     name: ClassVar[str] = "ddpm"
+    clean_time: ClassVar[float] = -1
     prediction_types: ClassVar[tuple[str, ...]] = ("epsilon", "v_prediction", "sample")
     prediction_type: str = "epsilon"
     num_train_timesteps: int = 100
@@ -129,7 +131,7 @@ class Diffusion(Process):
                 f"num_train_timesteps must be at least 1, but is {self.num_train_timesteps}"
             )
 
-    def scheduler_settings(self) -> dict[str, int | float | str]:
+    def scheduler_settings(self) -> dict[str, Any]:
         """The arguments that all schedulers of diffusers share."""
         return {
             "num_train_timesteps": self.num_train_timesteps,
@@ -149,16 +151,17 @@ class Diffusion(Process):
 
     def levels(self, time: Float[Tensor, "*S"]) -> Levels:
         """The square roots of alpha-bar and of its complement."""
-        alpha_bar = self._alpha_bars(time.device)[time.long()].to(time.dtype)
+        alpha_bar = self._alpha_bars(time.device)[time.long() + 1].to(time.dtype)
         return alpha_bar.sqrt(), (1 - alpha_bar).sqrt()
 
-    def _alpha_bars(self, device: torch.device) -> Float[Tensor, " T"]:
+    def _alpha_bars(self, device: torch.device) -> Float[Tensor, " T+1"]:
+        """Of all steps, from the clean one on."""
         if device not in self._tables:
             from diffusers.schedulers.scheduling_ddpm import DDPMScheduler
 
             with torch.inference_mode(False):  # or training could not use it after an evaluation
-                table = DDPMScheduler(**self.scheduler_settings()).alphas_cumprod.to(device)
-            self._tables[device] = table
+                noisy = DDPMScheduler(**self.scheduler_settings()).alphas_cumprod
+                self._tables[device] = torch.cat([torch.ones(1), noisy]).to(device)
         return self._tables[device]
 
 
@@ -179,6 +182,7 @@ class Flow(Process):
     """
 
     name: ClassVar[str] = "flow"
+    clean_time: ClassVar[float] = 1
     prediction_types: ClassVar[tuple[str, ...]] = ("velocity", "sample")
     prediction_type: str = "velocity"
     time_distribution: str = "uniform"
@@ -224,6 +228,7 @@ class TwoStep(Process):
     """
 
     name: ClassVar[str] = "two_step"
+    clean_time: ClassVar[float] = 1
     prediction_types: ClassVar[tuple[str, ...]] = ("sample",)
     prediction_type: str = "sample"
     refine_time: float = 0.9

@@ -3,19 +3,20 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 Denoise = Callable[[Float[Tensor, "B T A"], int], Float[Tensor, "B T A"]]
-"""(x, i) -> x0, the estimate of the clean actions in evaluation i, at time ``sampler.times[i]``; not clipped."""
+"""(x, i) -> x0: the clean actions as estimated from x in evaluation i, at time ``times[i]``; unclipped."""
 
 Generators = Sequence[torch.Generator] | torch.Generator | None
 """One for each row of the batch, one for all, or none where nothing is drawn."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sampler(ABC):
     """Turns noise into actions. Immutable: any number of threads may sample at once.
 
@@ -65,7 +66,7 @@ class Step:
     noise: float = 0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LinearSampler(Sampler):
     """One evaluation a step, and every step a fixed linear combination: Euler, DDIM, DDPM, DPM-Solver++.
 
@@ -107,7 +108,7 @@ def deterministic_steps(
             x then lies off the line through the clipped x0, and may end outside the clip range.
     """
     steps = []
-    for (alpha, sigma), (next_alpha, next_sigma) in zip(levels, levels[1:], strict=False):
+    for (alpha, sigma), (next_alpha, next_sigma) in pairwise(levels):
         of_x = next_sigma / sigma
         of_direction = -of_x * alpha
         if keep_direction:
