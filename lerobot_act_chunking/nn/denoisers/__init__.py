@@ -1,0 +1,1 @@
+"""Networks that clean noisy action chunks, given what was observed."""

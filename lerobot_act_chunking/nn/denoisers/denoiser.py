@@ -1,0 +1,69 @@
+"""What all denoisers have in common."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from lerobot_act_chunking.nn.condition import Condition
+
+
+@dataclass(frozen=True)
+class Context:
+    """What a denoiser makes of the observation alone, once per chunk.
+
+    Attributes:
+        modulation: (B, M), its part of all scales, shifts and gates.
+        memory: keys and values (B, heads, N, d) of each layer that attends to the observation.
+    """
+
+    modulation: Float[Tensor, "B M"]
+    memory: tuple[tuple[Tensor, Tensor], ...] = ()
+
+    def repeat(self, n_samples: int) -> "Context":
+        """The same for several samples of each environment, sample by sample."""
+        if n_samples == 1:
+            return self
+        memory = tuple(
+            (k.repeat(n_samples, 1, 1, 1), v.repeat(n_samples, 1, 1, 1)) for k, v in self.memory
+        )
+        return Context(self.modulation.repeat(n_samples, 1), memory)
+
+
+class Denoiser(nn.Module, ABC):
+    """From noisy actions to what the process asks for.
+
+    Scales, shifts and gates are sums of a part from the observation (`observe`, once per chunk) and a part
+    from the time (`modulate`, a table over all steps), so that neither is computed again in every step.
+
+    Attributes:
+        patch_size: consecutive actions that make a token.
+        per_token_time: whether each token may have a time of its own (prefix conditioning).
+    """
+
+    patch_size: int = 1
+    per_token_time: bool = False
+
+    @abstractmethod
+    def observe(self, condition: Condition) -> Context:
+        """The part of the observation."""
+
+    @abstractmethod
+    def modulate(self, time: Float[Tensor, "*S"]) -> Float[Tensor, "*S M"]:
+        """The part of the time."""
+
+    @abstractmethod
+    def forward(
+        self,
+        x: Float[Tensor, "B T A"],
+        modulation: Float[Tensor, "#B M"] | Float[Tensor, "#B N M"],
+        context: Context,
+    ) -> Float[Tensor, "B T A"]:
+        """The answer for noisy actions ``x``.
+
+        Args:
+            x: noisy actions.
+            modulation: of their time, from `modulate`; for each token if `per_token_time`.
+            context: of their observation, from `observe`.
+        """
