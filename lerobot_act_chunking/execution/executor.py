@@ -56,6 +56,11 @@ class ChunkExecutor:
         self._timeline = make_timeline(settings)
         self.reset()
 
+    @property
+    def n_steps(self) -> int:
+        """Control steps since the last full reset."""
+        return self._step
+
     def __len__(self) -> int:
         """Control steps left before the next chunk is asked for."""
         return max(0, self._first_due - self._step)

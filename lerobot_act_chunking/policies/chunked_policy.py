@@ -24,7 +24,7 @@ FUSED_ADAMW_DEVICES = ("cpu", "cuda", "mps")
 Batch = dict[str, Any]
 
 
-class ChunkedPolicy(PreTrainedPolicy):
+class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](PreTrainedPolicy):
     """Base of the policies: checks, weight averaging, checkpoints, and chunks executed one action at a time.
 
     A policy adds ``config_class``, ``name``, its network, `forward` and `_predict`. Batches are LeRobot's:
@@ -44,11 +44,13 @@ class ChunkedPolicy(PreTrainedPolicy):
 
     config_class = ChunkedConfig  # pyright: ignore[reportAssignmentType]  (LeRobot declares None)
     name = "chunked"  # pyright: ignore[reportAssignmentType]
-    config: ChunkedConfig
+    config: ConfigT
+    model: NetworkT
+    ema: WeightAverage[NetworkT] | None
 
     def __init__(
         self,
-        config: ChunkedConfig,
+        config: ConfigT,
         *,
         dataset_stats: dict[str, dict[str, Any]] | None = None,
         dataset_meta: Any | None = None,
@@ -73,7 +75,7 @@ class ChunkedPolicy(PreTrainedPolicy):
         self.reset()
 
     @abstractmethod
-    def _build(self, backbone_weights: str | None) -> nn.Module:
+    def _build(self, backbone_weights: str | None) -> NetworkT:
         """The network that ``self.config`` describes."""
 
     @abstractmethod
@@ -101,7 +103,7 @@ class ChunkedPolicy(PreTrainedPolicy):
         return super().from_pretrained(pretrained_name_or_path, **kwargs)
 
     @property
-    def _network(self) -> Any:
+    def _network(self) -> NetworkT:
         """The network in use: the averaged one when acting, if there is one."""
         return self.model if self.ema is None or self.training else self.ema.network
 
@@ -169,7 +171,7 @@ def indices(envs: Sequence[int] | Tensor) -> Tensor:
     return envs.nonzero()[:, 0] if envs.dtype == torch.bool else envs.to(torch.int64)
 
 
-def _adopt_average(policy: ChunkedPolicy, incompatible: Any) -> None:
+def _adopt_average(policy: ChunkedPolicy[Any, Any], incompatible: Any) -> None:
     """Let a checkpoint and the policy that loads it differ in `use_ema`.
 
     After weights without an average, one starts at them; an average that is not wanted is left behind.

@@ -9,7 +9,8 @@ from lerobot.policies.factory import get_policy_class
 from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor
 
-import lerobot_act_chunking.policies.act_chunked.configuration_act_chunked  # noqa: F401  (registers the type)
+import lerobot_act_chunking.policies.act_chunked.configuration_act_chunked
+import lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked  # noqa: F401  (register)
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
     TemporalEnsembleConfig,
@@ -21,7 +22,8 @@ VELOCITY = {"observation.velocity": PolicyFeature(FeatureType.STATE, (2,))}
 ENVIRONMENT = {"observation.environment_state": PolicyFeature(FeatureType.ENV, (7,))}
 TOP = {"observation.images.top": PolicyFeature(FeatureType.VISUAL, (3, 32, 48))}
 WRIST = {"observation.images.wrist": PolicyFeature(FeatureType.VISUAL, (3, 32, 32))}
-SIZES = {
+ACT = {
+    "chunk_size": T,
     "dim_model": 16,
     "n_heads": 2,
     "dim_feedforward": 24,
@@ -30,6 +32,23 @@ SIZES = {
     "latent_dim": 8,
     "dropout": 0.0,
     "vision_backbone": "small_cnn",
+}
+DIFFUSION = {
+    "horizon": T,
+    "dim_model": 16,
+    "n_layers": 2,
+    "n_heads": 2,
+    "down_dims": (8,),
+    "n_groups": 4,
+    "diffusion_step_embed_dim": 8,
+    "spatial_softmax_num_keypoints": 3,
+    "vision_backbone": "small_cnn",
+}
+SIZES = {"act_chunked": ACT, "diffusion_chunked": DIFFUSION}
+# Enough to learn eight samples by heart, without what would make their loss noisy.
+LARGER = {
+    "act_chunked": {"dim_model": 32, "dim_feedforward": 64, "use_vae": False},
+    "diffusion_chunked": {"dim_model": 48, "down_dims": (48,), "condition_dropout": 0.0},
 }
 
 
@@ -46,8 +65,7 @@ class Case:
         settings = {
             "device": "cpu",
             "push_to_hub": False,
-            "chunk_size": T,
-            **SIZES,
+            **SIZES[self.type],
             **self.settings,
             **overrides,
         }
@@ -58,6 +76,15 @@ class Case:
     def policy(self, **overrides: Any) -> PreTrainedPolicy:
         torch.manual_seed(0)
         return get_policy_class(self.type)(self.config(**overrides))
+
+    def larger_policy(self) -> PreTrainedPolicy:
+        return self.policy(**LARGER[self.type])
+
+    def noise(self, batch_size: int) -> dict[str, Tensor]:
+        """What makes a policy that samples predict the same chunks whatever else is in the batch."""
+        if self.type != "diffusion_chunked":
+            return {}
+        return {"noise": torch.randn(batch_size, T, A, generator=torch.Generator().manual_seed(6))}
 
     def batch(self, batch_size: int = B) -> dict[str, Tensor]:
         generator = torch.Generator().manual_seed(1)
@@ -74,13 +101,16 @@ class Case:
 
 @dataclass(frozen=True)
 class WrappedCase(Case):
-    """The same policy as the inner one of a `temporal_ensemble`."""
+    """An `act_chunked` as the inner policy of a `temporal_ensemble`."""
+
+    def larger_policy(self) -> PreTrainedPolicy:
+        return self.policy(**LARGER["act_chunked"])
 
     def config(self, **overrides: Any) -> PreTrainedConfig:
         own = {each.name for each in fields(ExecutionFields)} | {"n_action_steps"}
         execution = {name: overrides.pop(name) for name in own & overrides.keys()}
         return TemporalEnsembleConfig(
-            inner={"type": "act_chunked", "chunk_size": T, **SIZES, **self.settings, **overrides},
+            inner={"type": "act_chunked", **ACT, **self.settings, **overrides},
             input_features=dict(self.inputs),
             output_features={"action": PolicyFeature(FeatureType.ACTION, (A,))},
             device="cpu",
@@ -89,11 +119,26 @@ class WrappedCase(Case):
         )
 
 
+PAPER_AT_T = {"n_obs_steps": 1, "n_action_steps": T, "num_train_timesteps": 20, "num_inference_steps": 20}
+GUIDED = {
+    "guidance_features": ["observation.environment_state"],
+    "condition_dropout": 0.5,
+    "guidance_scale": 1.5,
+}
+
 CASES = [
     Case("state", "act_chunked", STATE),
     Case("environment", "act_chunked", ENVIRONMENT, {"n_decoder_layers": 2, "use_ema": True}),
     Case("vectors", "act_chunked", STATE | VELOCITY | ENVIRONMENT, {"actions_per_query": 5, "use_vae": True}),
     Case("cameras", "act_chunked", TOP | WRIST, {"use_vae": True}),
     Case("mixed", "act_chunked", STATE | TOP, {"preset": "paper"}),
+    Case("state", "diffusion_chunked", STATE, {"actions_per_token": 1}),
+    Case("velocity", "diffusion_chunked", STATE | ENVIRONMENT, {"prediction_type": "velocity"}),
+    Case("two-step", "diffusion_chunked", STATE | VELOCITY, {"objective": "two_step"}),
+    Case("dit", "diffusion_chunked", ENVIRONMENT | TOP, {"denoiser": "dit", "use_ema": False}),
+    Case("unet", "diffusion_chunked", STATE | TOP | WRIST, {"denoiser": "unet1d", "objective": "ddpm"}),
+    Case("paper", "diffusion_chunked", STATE | ENVIRONMENT, {"preset": "paper"} | PAPER_AT_T),
+    Case("goal", "diffusion_chunked", STATE | ENVIRONMENT, {"denoiser": "dit"} | GUIDED),
+    Case("prefix", "diffusion_chunked", STATE, {"actions_per_token": 1, "prefix_steps": 2}),
 ]
 WRAPPED = WrappedCase("vectors", "temporal_ensemble", STATE | VELOCITY | ENVIRONMENT, {"use_ema": True})

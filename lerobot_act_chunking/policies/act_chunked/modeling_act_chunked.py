@@ -21,14 +21,12 @@ from lerobot_act_chunking.policies.act_chunked.network import ActNetwork
 from lerobot_act_chunking.policies.chunked_policy import Batch, ChunkedPolicy, not_finite
 
 
-class ActChunkedPolicy(ChunkedPolicy):
+class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
     """Action Chunking with Transformers (Zhao et al. 2023) over any mix of state vectors and cameras."""
 
     config_class = ActChunkedConfig  # pyright: ignore[reportAssignmentType]  (LeRobot declares None)
     name = "act_chunked"  # pyright: ignore[reportAssignmentType]
     _fsdp_wrap_modules = ["EncoderLayer", "DecoderLayer"]  # noqa: RUF012 (LeRobot's declaration of its type)
-
-    config: ActChunkedConfig
 
     def _build(self, backbone_weights: str | None) -> ActNetwork:
         return build_network(self.config, backbone_weights)

@@ -1,30 +1,13 @@
-"""Processors of `act_chunked`: LeRobot's own steps over statistics with a least spread."""
+"""Processors of `act_chunked`, under the name by which LeRobot finds them."""
 
 from typing import Any
 
-from lerobot.processor import PolicyAction, PolicyProcessorPipeline, make_default_pre_post_processors
-
 from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
-from lerobot_act_chunking.policies.statistics import check_finite, floored_statistics
+from lerobot_act_chunking.policies.processing import Processors, make_processors
 
 
 def make_act_chunked_pre_post_processors(
     config: ActChunkedConfig, dataset_stats: dict[str, dict[str, Any]] | None = None
-) -> tuple[
-    PolicyProcessorPipeline[dict[str, Any], dict[str, Any]],
-    PolicyProcessorPipeline[PolicyAction, PolicyAction],
-]:
-    """Rename, batch, move and normalise before the policy; un-normalise and move to the CPU behind it.
-
-    The steps are LeRobot's, under LeRobot's names. `norm_std_floor` is applied to the statistics they hold,
-    so a checkpoint carries the floored ones and resuming keeps them. When fine-tuning from a checkpoint,
-    LeRobot replaces them by the new dataset's raw statistics, without a floor; nothing in a policy's reach
-    changes that.
-
-    Raises:
-        DatasetError: if a statistic is missing or not finite.
-    """
-    if dataset_stats is not None:
-        check_finite(config, dataset_stats)
-        dataset_stats = floored_statistics(config, dataset_stats, config.norm_std_floor)
-    return make_default_pre_post_processors(config, dataset_stats, normalizer_device=config.device)
+) -> Processors:
+    """`make_processors`."""
+    return make_processors(config, dataset_stats)

@@ -14,6 +14,7 @@ from lerobot.configs import PreTrainedConfig
 from lerobot.utils.import_utils import register_third_party_plugins
 
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
+from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
 from lerobot_act_chunking.policies.loading import check_checkpoint
 
 WRAPPER = "temporal_ensemble"
@@ -101,8 +102,8 @@ def chunk_length(config: PreTrainedConfig) -> int:
     Raises:
         ConfigurationError: its configuration does not say.
     """
-    if config.type == "act_chunked":
-        return config.timing.control_steps  # pyright: ignore[reportAttributeAccessIssue]
+    if isinstance(config, ChunkedConfig):
+        return config.timing.control_steps
     if config.type in _COUNTED_FROM_FIRST_OBSERVATION:
         return config.horizon - config.n_obs_steps + 1  # pyright: ignore[reportAttributeAccessIssue]
     for name in _CHUNK_NAMES:

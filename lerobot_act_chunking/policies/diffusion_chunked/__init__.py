@@ -1,0 +1,1 @@
+"""Denoising policies: diffusion, flow matching and two-step regression."""

@@ -1,0 +1,161 @@
+"""Which settings of `diffusion_chunked` make sense together."""
+
+from typing import TYPE_CHECKING
+
+from lerobot_act_chunking.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked import (
+        DiffusionChunkedConfig,
+    )
+
+PREDICTION_TYPES = {
+    "flow": ("velocity", "sample"),
+    "ddpm": ("epsilon", "v_prediction", "sample"),
+    "two_step": ("sample",),
+}
+
+
+def check(config: "DiffusionChunkedConfig") -> None:
+    """Refuse settings that cannot work.
+
+    Raises:
+        ConfigurationError: naming the value, the reason and the way out.
+    """
+    config.check_backbone()
+    config.check_ranges(
+        at_least_1=(
+            "n_layers",
+            "num_train_timesteps",
+            "num_inference_steps",
+            "kernel_size",
+            "diffusion_step_embed_dim",
+            "spatial_softmax_num_keypoints",
+        ),
+        fractions=("dropout", "condition_dropout"),
+        not_negative=("prefix_steps", "noise_seed"),
+    )
+    _check_horizon(config)
+    _check_denoiser(config)
+    _check_sampling(config)
+    _check_warm_start(config)
+    _check_guidance(config)
+
+
+def _check_horizon(config: "DiffusionChunkedConfig") -> None:
+    timing = config.timing
+    if timing.past_steps and config.chunk_stride > 1:
+        raise ConfigurationError(
+            f"chunk_stride={config.chunk_stride} needs align=current: observations are one control step "
+            "apart, predicted actions are not"
+        )
+    if config.n_action_steps > timing.control_steps:
+        needed = (config.n_action_steps - 2) // config.chunk_stride + 2 + timing.past_steps
+        raise ConfigurationError(
+            f"horizon={config.horizon} covers {timing.control_steps} control steps from now on, fewer than "
+            f"n_action_steps={config.n_action_steps}: set horizon to {needed} or more"
+        )
+    settings = config.execution_settings
+    if settings.execution == "coherence" and config.objective == "two_step":
+        raise ConfigurationError(
+            "execution=coherence chooses among sampled chunks, but objective=two_step predicts a single one"
+        )
+
+
+def _check_denoiser(config: "DiffusionChunkedConfig") -> None:
+    if config.denoiser == "dit":
+        config.check_divides("dim_model", "n_heads")
+    if config.denoiser != "unet1d":
+        config.check_divides("horizon", "actions_per_token")
+        if config.dim_model % 4:
+            raise ConfigurationError(f"dim_model={config.dim_model} must be a multiple of 4 (positions)")
+        return
+    factor = 2 ** (len(config.down_dims) - 1)
+    if config.horizon % factor:
+        raise ConfigurationError(
+            f"horizon={config.horizon} must be a multiple of {factor}: a unet1d with "
+            f"down_dims={tuple(config.down_dims)} halves it {len(config.down_dims) - 1} times"
+        )
+    for channels in config.down_dims:
+        if channels % config.n_groups:
+            raise ConfigurationError(
+                f"down_dims={tuple(config.down_dims)} must be multiples of n_groups={config.n_groups}"
+            )
+    if config.kernel_size % 2 == 0:
+        raise ConfigurationError(
+            f"kernel_size={config.kernel_size} must be odd, to keep the horizon's length"
+        )
+
+
+def _check_sampling(config: "DiffusionChunkedConfig") -> None:
+    from lerobot_act_chunking.sampling.samplers import check_sampler
+
+    allowed = PREDICTION_TYPES[config.objective]
+    if config.prediction_type not in allowed:
+        raise ConfigurationError(
+            f"prediction_type={config.prediction_type} does not go with objective={config.objective}: "
+            f"use {' or '.join(allowed)}"
+        )
+    if config.clip_sample and not config.clip_sample_range > 0:
+        raise ConfigurationError(f"clip_sample_range={config.clip_sample_range} must be positive")
+    check_sampler(
+        config.objective,
+        config.sampler,
+        config.num_inference_steps,
+        num_train_timesteps=config.num_train_timesteps,
+        spacing=config.timestep_spacing,
+        clip_mode=config.clip_mode,
+    )
+
+
+def _check_warm_start(config: "DiffusionChunkedConfig") -> None:
+    start, settings = config.warm_start, config.execution_settings
+    if start != "none" and config.timing.past_steps:
+        raise ConfigurationError(f"warm_start={start} needs align=current: a plan has no past")
+    if start not in ("none", "prefix") and config.objective == "two_step":
+        raise ConfigurationError(
+            f"warm_start={start} changes how noise becomes actions, but objective=two_step uses none"
+        )
+    if (config.prefix_steps or start == "prefix") and config.denoiser == "unet1d":
+        raise ConfigurationError(
+            "prefix conditioning gives each action its own time, which unet1d cannot: use denoiser=dit or mixer"
+        )
+    if start == "prefix" and settings.latency_steps > config.prefix_steps:
+        raise ConfigurationError(
+            f"warm_start=prefix with latency_steps={settings.latency_steps} needs a policy trained with "
+            f"prefix_steps of at least as much, not {config.prefix_steps}"
+        )
+    if start == "prefix" and not config.prefix_steps:
+        raise ConfigurationError("warm_start=prefix needs a policy trained with prefix_steps > 0")
+    if config.prefix_tokens * config.actions_per_token >= config.horizon:
+        raise ConfigurationError(
+            f"prefix_steps={config.prefix_steps} leaves nothing to predict: a chunk covers "
+            f"{config.timing.control_steps} control steps"
+        )
+    if start == "noise_hold" and settings.execution == "coherence":
+        raise ConfigurationError(
+            "warm_start=noise_hold gives all samples of a step the same noise: execution=coherence would have "
+            "nothing to choose from"
+        )
+    overlapping = settings.replan_interval < settings.n_action_steps
+    if start == "noise_hold" and overlapping and settings.replan_interval % config.chunk_stride:
+        raise ConfigurationError(
+            f"warm_start=noise_hold moves noise from one chunk to the next by whole predictions: "
+            f"replan_interval={settings.replan_interval} must be a multiple of "
+            f"chunk_stride={config.chunk_stride}"
+        )
+    if not 0 < config.sdedit_strength <= 1:
+        raise ConfigurationError(f"sdedit_strength={config.sdedit_strength} must be above 0, at most 1")
+    if not config.max_guidance_weight > 0:
+        raise ConfigurationError(f"max_guidance_weight={config.max_guidance_weight} must be positive")
+
+
+def _check_guidance(config: "DiffusionChunkedConfig") -> None:
+    if config.condition_dropout and not config.guidance_features:
+        raise ConfigurationError(
+            f"condition_dropout={config.condition_dropout} leaves out guidance_features, but none are named"
+        )
+    if config.guidance_scale != 1 and not config.condition_dropout:
+        raise ConfigurationError(
+            f"guidance_scale={config.guidance_scale} needs a policy trained with condition_dropout > 0"
+        )

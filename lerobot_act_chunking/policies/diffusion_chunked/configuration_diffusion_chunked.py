@@ -1,0 +1,207 @@
+"""Settings of `diffusion_chunked`."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from lerobot.configs import PreTrainedConfig
+from lerobot.policies.rtc.configuration_rtc import RTCConfig
+
+from lerobot_act_chunking.data.timing import ChunkTiming
+from lerobot_act_chunking.errors import ConfigurationError, FeatureError
+from lerobot_act_chunking.execution.settings import Mode
+from lerobot_act_chunking.policies.chunked_config import PRESET, ChunkedConfig
+from lerobot_act_chunking.policies.diffusion_chunked.checks import check
+from lerobot_act_chunking.policies.diffusion_chunked.presets import UNET_SIZES, preset_values
+
+Objective = Literal["flow", "ddpm", "two_step"]
+PredictionType = Literal["velocity", "sample", "epsilon", "v_prediction"]
+SamplerName = Literal["euler", "midpoint", "heun", "rk4", "ddim", "ddpm", "dpm++", "two_step"]
+Spacing = Literal["leading", "trailing", "linspace"]
+WarmStart = Literal["none", "noise_hold", "sdedit", "rtc", "prefix"]
+
+
+@PreTrainedConfig.register_subclass("diffusion_chunked")
+@dataclass
+class DiffusionChunkedConfig(ChunkedConfig):
+    """Settings of `diffusion_chunked`, under LeRobot's diffusion names where both have them.
+
+    Inputs may be any mix of state vectors and cameras, as for `act_chunked`. Fields without a default here
+    are resolved on construction, from the preset and the objective.
+
+    Attributes (beside those of `ChunkedConfig`):
+        preset: ``base`` (ours) or ``paper`` (LeRobot's `diffusion`: its U-Net, noise schedule, normalisation,
+            horizon and execution).
+        objective: ``flow`` matching (Lipman et al. 2023, rectified flow), ``ddpm`` (Ho et al. 2020), or
+            ``two_step`` regression (MIP, arXiv 2512.01809).
+        denoiser: ``mixer`` (fastest on a CPU), ``dit`` (attends to observation tokens) or ``unet1d``
+            (Diffusion Policy's).
+        n_obs_steps: observations that condition a chunk, the current one last.
+        horizon: predicted actions, ``chunk_stride`` control steps apart.
+        align: the first of them belongs to the ``current`` step, or to the ``first_obs`` as in Diffusion
+            Policy, whose chunks begin in the past.
+        prediction_type: what the network is asked for: ``velocity`` or ``sample`` (flow), ``epsilon``,
+            ``v_prediction`` or ``sample`` (ddpm), ``sample`` (two_step).
+        num_train_timesteps: noise levels of ddpm.
+        beta_schedule: their spacing, a diffusers name; ``beta_start`` and ``beta_end`` if it is linear.
+        time_distribution: flow times seen in training: ``uniform``, ``beta`` (pi0: mostly noise) or
+            ``logit_normal`` (mostly the middle).
+        sampler: ``euler``, ``midpoint``, ``heun``, ``rk4`` (flow); ``ddim``, ``ddpm``, ``dpm++`` (ddpm).
+        num_inference_steps: its steps; a step of midpoint and Heun calls the network twice, of rk4 four times.
+        timestep_spacing: which noise levels of ddpm they visit, a diffusers name; by default the one that
+            suits the sampler.
+        clip_sample: keep the estimate of the clean actions within +-``clip_sample_range`` (normalised).
+        clip_mode: whether a sampler's next step follows from the clipped estimate (``consistent``), or in part
+            from the estimate before clipping, as LeRobot's ``ddim``.
+        do_mask_loss_for_padding: leave steps behind the end of an episode out of the loss.
+        unet_size: channels of ``unet1d``: S (64, 128, 256), M, L or XL (LeRobot's 512, 1024, 2048).
+        down_dims: the same spelt out; wins over ``unet_size``.
+        kernel_size: of its convolutions.
+        n_groups: of its group normalisation.
+        diffusion_step_embed_dim: width of its time embedding.
+        use_film_scale_modulation: let the condition scale its features, not only shift them.
+        actions_per_token: consecutive actions that make one token of ``mixer`` and ``dit``; divides
+            ``horizon``. By default the largest of 1 ... 5 that does.
+        dim_model: token width of ``mixer`` and ``dit``.
+        n_layers: their layers.
+        n_heads: attention heads of ``dit``.
+        dropout: dropout probability in them.
+        spatial_softmax_num_keypoints: image keypoints per camera (``mixer`` and ``unet1d``).
+        warm_start: what a new chunk takes over from the plan in execution: ``none``; ``noise_hold`` the noise
+            of the steps that both cover; ``sdedit`` starts from the noised plan (Meng et al. 2022); ``rtc``
+            guides towards it (real-time chunking, Black et al. 2025); ``prefix`` conditions on the actions
+            that are executed meanwhile (Black et al. 2025b), which needs training with ``prefix_steps``.
+        prefix_steps: train with up to so many given first actions [control steps].
+        rtc_vjp: the ``exact`` vector-Jacobian product of the paper, or LeRobot's ``identity`` in its place,
+            which needs no backward pass.
+        prefix_attention_schedule: how guidance fades over the plan, from the actions executed meanwhile on.
+        max_guidance_weight: its largest weight.
+        sdedit_strength: fraction of the noise that the plan gets.
+        rtc_config: set by ``lerobot-rollout``; wins over the fields above.
+        guidance_features: inputs that guidance may leave out, such as a goal or an instruction.
+        condition_dropout: how often training leaves them out.
+        guidance_scale: w in ``x_without + w * (x_with - x_without)`` (classifier-free guidance, Ho and
+            Salimans 2022); 1 is off.
+        noise_seed: seed of the noise when acting; each environment has its own generator.
+
+    Raises:
+        ConfigurationError: on construction, naming the setting that cannot work.
+    """
+
+    preset: Literal["base", "paper"] = "base"
+
+    objective: Objective = PRESET
+    denoiser: Literal["mixer", "dit", "unet1d"] = PRESET
+    n_obs_steps: int = PRESET
+    horizon: int = PRESET
+    chunk_stride: int = PRESET
+    align: Literal["current", "first_obs"] = PRESET
+    execution: Mode = PRESET
+
+    prediction_type: PredictionType = PRESET
+    num_train_timesteps: int = 100
+    beta_schedule: Literal["squaredcos_cap_v2", "linear", "scaled_linear"] = "squaredcos_cap_v2"
+    beta_start: float = 0.0001
+    beta_end: float = 0.02
+    time_distribution: Literal["uniform", "beta", "logit_normal"] = "uniform"
+
+    sampler: SamplerName = PRESET
+    num_inference_steps: int = PRESET
+    timestep_spacing: Spacing | None = None
+    clip_sample: bool = PRESET
+    clip_sample_range: float = 1.0
+    clip_mode: Literal["consistent", "lerobot"] = PRESET
+
+    do_mask_loss_for_padding: bool = PRESET
+
+    unet_size: Literal["S", "M", "L", "XL"] = PRESET
+    down_dims: tuple[int, ...] = PRESET
+    kernel_size: int = 5
+    n_groups: int = 8
+    diffusion_step_embed_dim: int = 128
+    use_film_scale_modulation: bool = True
+
+    actions_per_token: int = PRESET
+    dim_model: int = 256
+    n_layers: int = 4
+    n_heads: int = 8
+    dropout: float = 0.0
+    spatial_softmax_num_keypoints: int = 32
+
+    warm_start: WarmStart = "none"
+    prefix_steps: int = 0
+    rtc_vjp: Literal["exact", "identity"] = "exact"
+    prefix_attention_schedule: Literal["linear", "exp", "ones", "zeros"] = "exp"
+    max_guidance_weight: float = 5.0
+    sdedit_strength: float = 0.5
+    rtc_config: RTCConfig | None = None
+
+    guidance_features: list[str] = field(default_factory=list)
+    condition_dropout: float = 0.0
+    guidance_scale: float = 1.0
+
+    noise_seed: int = 0
+
+    ema_max_value: float = 0.999
+    optimizer_weight_decay: float = 1e-6
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        pretrained = self.pretrained_backbone_weights is not None
+        values = preset_values(self.preset, objective=self.objective, pretrained=pretrained)
+        self.fill_in({"n_obs_steps": 1, **values})
+        if self.down_dims is PRESET and self.unet_size in UNET_SIZES:
+            self.down_dims = UNET_SIZES[self.unet_size]
+        if self.actions_per_token is PRESET:
+            self.actions_per_token = max(n for n in range(1, 6) if self.horizon % n == 0)
+        self._resolve_execution()
+        self.check_choices()
+        check(self)
+
+    def _resolve_execution(self) -> None:
+        if self.n_action_steps is PRESET and self.horizon > self.timing.past_steps:
+            self.n_action_steps = self.timing.control_steps
+        if self.n_action_steps == 1:
+            self.execution = "open_loop"
+
+    @property
+    def timing(self) -> ChunkTiming:
+        """Which steps are observed and predicted."""
+        past = self.n_obs_steps - 1 if self.align == "first_obs" else 0
+        if self.horizon <= past:
+            raise ConfigurationError(
+                f"horizon={self.horizon} ends before the current step: with align=first_obs and "
+                f"n_obs_steps={self.n_obs_steps} it must be at least {past + 1}"
+            )
+        return ChunkTiming(self.n_obs_steps, self.horizon - past, self.chunk_stride, past)
+
+    @property
+    def prefix_tokens(self) -> int:
+        """Longest prefix that training has shown [tokens]; a token is given as a whole."""
+        return math.ceil(self.prefix_steps / (self.chunk_stride * self.actions_per_token))
+
+    @property
+    def process_settings(self) -> dict[str, Any]:
+        """What the noising process is made from (`sampling.process.make_process`)."""
+        if self.objective == "ddpm":
+            names = ("num_train_timesteps", "beta_schedule", "beta_start", "beta_end", "prediction_type")
+        elif self.objective == "flow":
+            names = ("time_distribution", "prediction_type")
+        else:
+            names = ()
+        return {name: getattr(self, name) for name in names}
+
+    def validate_features(self) -> None:
+        """Check the inputs and outputs that LeRobot filled in from the dataset or the environment.
+
+        Raises:
+            FeatureError: naming what is missing or has an unusable shape.
+        """
+        super().validate_features()
+        spec = self.feature_spec
+        inputs = [*spec.vectors, *spec.images]
+        for key in self.guidance_features:
+            if key not in inputs:
+                raise FeatureError(
+                    f"guidance_features names {key!r}, but the inputs are: {', '.join(inputs)}"
+                )

@@ -1,0 +1,89 @@
+"""The network of `diffusion_chunked`: what is observed, and the denoiser that it conditions."""
+
+from torch import nn
+
+from lerobot_act_chunking.nn.condition import ConditionVector
+from lerobot_act_chunking.nn.denoisers.denoiser import Denoiser
+from lerobot_act_chunking.nn.denoisers.mixer import Mixer
+from lerobot_act_chunking.nn.denoisers.time import StepEmbedding, UnitTimeEmbedding
+from lerobot_act_chunking.nn.observation import CameraTokens
+from lerobot_act_chunking.nn.vision import make_backbone
+from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked import (
+    DiffusionChunkedConfig,
+)
+
+
+Dit = Unet1d = CameraKeypoints = None
+
+
+class ConditionTokens: ...
+
+
+class DiffusionNetwork(nn.Module):
+    """Two parts that are called apart: the observation once per chunk, the denoiser once per step."""
+
+    def __init__(self, condition: ConditionVector | ConditionTokens, denoiser: Denoiser):
+        super().__init__()
+        self.condition = condition
+        self.denoiser = denoiser
+
+
+def build_network(config: DiffusionChunkedConfig, backbone_weights: str | None) -> DiffusionNetwork:
+    """The network that ``config`` describes."""
+    condition = _condition(config, backbone_weights)
+    return DiffusionNetwork(condition, _denoiser(config, condition))
+
+
+def _condition(config: DiffusionChunkedConfig, weights: str | None) -> ConditionVector | ConditionTokens:
+    features = config.feature_spec
+    dims = {key: dim for key, (dim,) in features.vectors.items()}
+    dropped = tuple(config.guidance_features)
+    backbone = (
+        make_backbone(config.vision_backbone, config.backbone_norm, weights) if features.images else None
+    )
+    if config.denoiser == "dit":
+        cameras = None if backbone is None else CameraTokens(features.images, config.dim_model, *backbone)
+        return ConditionTokens(dims, config.n_obs_steps, cameras, config.dim_model, null_features=dropped)
+    cameras = (
+        None
+        if backbone is None
+        else CameraKeypoints(features.images, config.spatial_softmax_num_keypoints, *backbone)
+    )
+    return ConditionVector(dims, config.n_obs_steps, cameras, null_features=dropped)
+
+
+def _denoiser(config: DiffusionChunkedConfig, condition: ConditionVector | ConditionTokens) -> Denoiser:
+    (action_dim,) = config.feature_spec.action
+    embedding = StepEmbedding if config.objective == "ddpm" else UnitTimeEmbedding
+    if isinstance(condition, ConditionTokens):
+        return Dit(
+            action_dim=action_dim,
+            horizon=config.horizon,
+            patch_size=config.actions_per_token,
+            dim=config.dim_model,
+            n_layers=config.n_layers,
+            n_heads=config.n_heads,
+            dropout=config.dropout,
+            time_embedding=embedding(config.dim_model),
+        )
+    if config.denoiser == "mixer":
+        return Mixer(
+            action_dim=action_dim,
+            horizon=config.horizon,
+            patch_size=config.actions_per_token,
+            condition_dim=condition.dim,
+            dim=config.dim_model,
+            n_layers=config.n_layers,
+            dropout=config.dropout,
+            time_embedding=embedding(config.dim_model),
+        )
+    return Unet1d(
+        action_dim=action_dim,
+        condition_dim=condition.dim,
+        time_embedding=embedding(config.diffusion_step_embed_dim),
+        time_dim=config.diffusion_step_embed_dim,
+        down_dims=config.down_dims,
+        kernel_size=config.kernel_size,
+        n_groups=config.n_groups,
+        film_scale=config.use_film_scale_modulation,
+    )

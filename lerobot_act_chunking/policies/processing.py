@@ -1,0 +1,32 @@
+"""Processors of this package's policies: LeRobot's own steps over statistics with a least spread."""
+
+from typing import Any
+
+from lerobot.processor import PolicyAction, PolicyProcessorPipeline, make_default_pre_post_processors
+
+from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
+from lerobot_act_chunking.policies.statistics import check_finite, floored_statistics
+
+Processors = tuple[
+    PolicyProcessorPipeline[dict[str, Any], dict[str, Any]],
+    PolicyProcessorPipeline[PolicyAction, PolicyAction],
+]
+
+
+def make_processors(
+    config: ChunkedConfig, dataset_stats: dict[str, dict[str, Any]] | None = None
+) -> Processors:
+    """Rename, batch, move and normalise before the policy; un-normalise and move to the CPU behind it.
+
+    The steps are LeRobot's, under LeRobot's names. `norm_std_floor` is applied to the statistics they hold,
+    so a checkpoint carries the floored ones and resuming keeps them. When fine-tuning from a checkpoint,
+    LeRobot replaces them by the new dataset's raw statistics, without a floor; nothing in a policy's reach
+    changes that.
+
+    Raises:
+        DatasetError: if a statistic is missing or not finite.
+    """
+    if dataset_stats is not None:
+        check_finite(config, dataset_stats)
+        dataset_stats = floored_statistics(config, dataset_stats, config.norm_std_floor)
+    return make_default_pre_post_processors(config, dataset_stats, normalizer_device=config.device)
