@@ -198,7 +198,7 @@ def test_chunks_continue_each_other(way, policy, monkeypatch):
     for before, call in zip(rollout.calls, rollout.calls[1:], strict=False):
         assert call.delay == DELAY
         frozen = call.chunk[0, :DELAY] - call.left_over[:DELAY]
-        assert frozen.abs().max() < (1e-6 if way == "prefix" else 0.3)
+        assert frozen.abs().max() < (1e-6 if way == "prefix" else 0.5)
         assert not call.chunk.requires_grad
         assert before.chunk.shape == (1, T, A)
 
@@ -226,7 +226,7 @@ class TestWithoutTheEngine:
     def test_a_left_over_counts(self, policy):
         continued = predict(policy, inference_delay=DELAY, prev_chunk_left_over=self.left_over)
         assert (continued - predict(policy)).abs().max() > 0.3
-        assert (continued[0, :DELAY] - self.left_over[:DELAY]).abs().max() < 0.3
+        assert (continued[0, :DELAY] - self.left_over[:DELAY]).abs().max() < 0.5
         batched = predict(policy, inference_delay=DELAY, prev_chunk_left_over=self.left_over[None])
         assert torch.equal(batched, continued)
 
