@@ -7,6 +7,11 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
+from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.nn.observation import CameraTokens, VectorTokens
+
+COLOURS = 3
+
 
 @dataclass(frozen=True)
 class Condition:
@@ -22,46 +27,114 @@ class Condition:
 
 
 class NullFeatures(nn.Module):
-    """Learned values in place of vectors that guidance may leave out (classifier-free guidance)."""
+    """Learned stand-ins for inputs that guidance may leave out (classifier-free guidance, Ho and Salimans 2022).
 
-    def __init__(self, dims: Mapping[str, int]):
+    A vector has a vector in its place, an image one colour.
+
+    Args:
+        keys: inputs that may be left out.
+        vector_dims: sizes of all vectors.
+        image_keys: all cameras.
+
+    Raises:
+        ConfigurationError: for a key that is no input.
+    """
+
+    def __init__(self, keys: Sequence[str], vector_dims: Mapping[str, int], image_keys: Sequence[str]):
         super().__init__()
-        self.keys = tuple(dims)
-        self.values = nn.ParameterList(torch.zeros(n) for n in dims.values())
+        shapes = {key: (n,) for key, n in vector_dims.items()} | dict.fromkeys(image_keys, (COLOURS, 1, 1))
+        for key in keys:
+            if key not in shapes:
+                raise ConfigurationError(f"null_features names {key!r}, but the inputs are: {', '.join(shapes)}")
+        self.keys = tuple(keys)
+        self.values = nn.ParameterList(torch.zeros(shapes[key]) for key in keys)
 
     def forward(
-        self, vectors: Mapping[str, Float[Tensor, "B H _"]], drop: Bool[Tensor, " B"] | None
-    ) -> dict[str, Float[Tensor, "B H _"]]:
-        """The vectors, replaced where ``drop`` says so."""
-        replaced = dict(vectors)
+        self, inputs: Mapping[str, Float[Tensor, "B H ..."]], drop: Bool[Tensor, " B"] | None
+    ) -> dict[str, Float[Tensor, "B H ..."]]:
+        """The inputs; rows of those that may be left out are replaced where ``drop`` is true."""
+        replaced = dict(inputs)
         if drop is not None:
             for key, value in zip(self.keys, self.values, strict=True):
-                replaced[key] = torch.where(drop[:, None, None], value, vectors[key])
+                if key in replaced:
+                    rows = drop.reshape(-1, *[1] * (inputs[key].ndim - 1))
+                    replaced[key] = torch.where(rows, value, inputs[key])
         return replaced
 
 
-class ConditionVector(nn.Module):
-    """All observations of all steps, end to end: step by step the state, the cameras, the environment state.
+class CameraKeypoints(nn.Module):
+    """Where in its image each camera sees what: a spatial softmax (Finn et al. 2016), as Diffusion Policy uses it.
+
+    All cameras share the backbone; those of one shape go through it in one call, with all observed steps.
 
     Args:
-        vector_dims: sizes of the vectors, the environment state last.
+        image_shapes: (3, h, w) of each camera.
+        n_keypoints: K.
+        backbone: from images (n, 3, h, w) to feature maps (n, channels, h', w').
+        channels: of these feature maps.
+    """
+
+    def __init__(
+        self,
+        image_shapes: Mapping[str, tuple[int, ...]],
+        n_keypoints: int,
+        backbone: nn.Module,
+        channels: int,
+    ):
+        super().__init__()
+        self.keys = tuple(image_shapes)
+        by_shape: dict[tuple[int, ...], list[str]] = {}
+        for key, shape in image_shapes.items():
+            by_shape.setdefault(tuple(shape), []).append(key)
+        self.groups = tuple(tuple(group) for group in by_shape.values())
+        self.backbone = backbone
+        self.attention = nn.Conv2d(channels, n_keypoints, kernel_size=1)
+        self.projection = nn.Linear(2 * n_keypoints, 2 * n_keypoints)
+        self.dim = 2 * n_keypoints * len(self.keys)
+
+    def forward(self, images: Mapping[str, Float[Tensor, "B H 3 _ _"]]) -> Float[Tensor, "B H G"]:
+        """Features of all cameras, in the order of the keys given at construction."""
+        features = {}
+        for group in self.groups:
+            frames = torch.cat([images[key] for key in group])
+            keypoints = spatial_softmax(self.attention(self.backbone(frames.flatten(0, 1)))).flatten(1)
+            projected = self.projection(keypoints).relu().unflatten(0, frames.shape[:2])
+            features |= zip(group, projected.chunk(len(group)), strict=True)
+        return torch.cat([features[key] for key in self.keys], dim=-1)
+
+
+def spatial_softmax(maps: Float[Tensor, "B K h w"]) -> Float[Tensor, "B K 2"]:
+    """Mean position (x, y) in [-1, 1] of each map's softmax: -1 is the first column or row, 1 the last."""
+    weights = maps.flatten(2).softmax(-1).reshape(maps.shape)
+    y, x = (torch.linspace(-1, 1, n, dtype=maps.dtype, device=maps.device) for n in maps.shape[2:])
+    return torch.stack((weights.sum(2) @ x, weights.sum(3) @ y), dim=-1)
+
+
+class ConditionVector(nn.Module):
+    """All observations of all steps, end to end: step by step, vectors before cameras.
+
+    Args:
+        vector_dims: sizes of the vectors, in their order.
         n_obs_steps: H.
         cameras: keypoints of the images, if there are any.
-        null_features: vectors that may be left out.
+        null_features: inputs that guidance may leave out.
+
+    Attributes:
+        dim: G.
     """
 
     def __init__(
         self,
         vector_dims: Mapping[str, int],
         n_obs_steps: int,
-        cameras: nn.Module | None = None,
+        cameras: CameraKeypoints | None = None,
         null_features: Sequence[str] = (),
     ):
         super().__init__()
         self.keys = tuple(vector_dims)
         self.cameras = cameras
-        self.null = NullFeatures({key: vector_dims[key] for key in null_features})
-        self.dim = n_obs_steps * sum(vector_dims.values())
+        self.null = NullFeatures(null_features, vector_dims, () if cameras is None else cameras.keys)
+        self.dim = n_obs_steps * (sum(vector_dims.values()) + (0 if cameras is None else cameras.dim))
 
     def forward(
         self,
@@ -69,6 +142,55 @@ class ConditionVector(nn.Module):
         images: Mapping[str, Float[Tensor, "B H 3 _ _"]],
         drop: Bool[Tensor, " B"] | None = None,
     ) -> Condition:
-        """The vector of each sample; features that may be left out are, where ``drop`` says so."""
+        """The vector of each sample; inputs that may be left out are, where ``drop`` is true."""
         vectors = self.null(vectors, drop)
-        return Condition(vector=torch.cat([vectors[key] for key in self.keys], dim=-1).flatten(1))
+        parts = [vectors[key] for key in self.keys]
+        if self.cameras is not None:
+            parts.append(self.cameras(self.null(images, drop)))
+        return Condition(vector=torch.cat(parts, dim=-1).flatten(1))
+
+
+class ConditionTokens(nn.Module):
+    """One token for each vector and for each cell of each camera's feature map, at each observed step.
+
+    Args:
+        vector_dims: sizes of the vectors.
+        n_obs_steps: H.
+        cameras: tokens of the images, if there are any.
+        dim: token width D.
+        null_features: inputs that guidance may leave out.
+    """
+
+    def __init__(
+        self,
+        vector_dims: Mapping[str, int],
+        n_obs_steps: int,
+        cameras: CameraTokens | None,
+        dim: int,
+        null_features: Sequence[str] = (),
+    ):
+        super().__init__()
+        self.vectors = VectorTokens(vector_dims, dim) if vector_dims else None
+        self.cameras = cameras
+        self.null = NullFeatures(null_features, vector_dims, () if cameras is None else cameras.keys)
+        self.steps = nn.Parameter(0.02 * torch.randn(n_obs_steps, 1, dim))
+
+    def forward(
+        self,
+        vectors: Mapping[str, Float[Tensor, "B H _"]],
+        images: Mapping[str, Float[Tensor, "B H 3 _ _"]],
+        drop: Bool[Tensor, " B"] | None = None,
+    ) -> Condition:
+        """Tokens step by step, vectors before cameras; inputs that may be left out are, where ``drop`` is true."""
+        tokens = []
+        if self.vectors is not None:
+            tokens.append(self.vectors(_frames(self.null(vectors, drop))) + self.vectors.positions)
+        if self.cameras is not None:
+            cells, positions = self.cameras(_frames(self.null(images, drop)))
+            tokens.append(cells + positions)
+        of_frames = torch.cat(tokens, dim=1)  # (B * H, n, D)
+        return Condition(tokens=(of_frames.unflatten(0, (-1, len(self.steps))) + self.steps).flatten(1, 2))
+
+
+def _frames(inputs: Mapping[str, Float[Tensor, "B H ..."]]) -> dict[str, Float[Tensor, "F ..."]]:
+    return {key: value.flatten(0, 1) for key, value in inputs.items()}

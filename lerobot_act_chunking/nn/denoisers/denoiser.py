@@ -25,9 +25,7 @@ class Context:
         """The same for several samples of each environment, sample by sample."""
         if n_samples == 1:
             return self
-        memory = tuple(
-            (k.repeat(n_samples, 1, 1, 1), v.repeat(n_samples, 1, 1, 1)) for k, v in self.memory
-        )
+        memory = tuple((k.repeat(n_samples, 1, 1, 1), v.repeat(n_samples, 1, 1, 1)) for k, v in self.memory)
         return Context(self.modulation.repeat(n_samples, 1), memory)
 
 

@@ -71,7 +71,6 @@ class Mixer(Denoiser):
 
     def observe(self, condition: Condition) -> Context:
         """The part of the condition vector."""
-        assert condition.vector is not None
         return Context(self.observation_modulation(self.observation_mlp(condition.vector)))
 
     def modulate(self, time: Float[Tensor, "*S"]) -> Float[Tensor, "*S M"]:

@@ -118,7 +118,8 @@ def _check_warm_start(config: "DiffusionChunkedConfig") -> None:
         )
     if (config.prefix_steps or start == "prefix") and config.denoiser == "unet1d":
         raise ConfigurationError(
-            "prefix conditioning gives each action its own time, which unet1d cannot: use denoiser=dit or mixer"
+            "prefix conditioning gives each token its own time, which unet1d cannot: "
+            "use denoiser=dit or mixer"
         )
     if start == "prefix" and settings.latency_steps > config.prefix_steps:
         raise ConfigurationError(
@@ -134,8 +135,8 @@ def _check_warm_start(config: "DiffusionChunkedConfig") -> None:
         )
     if start == "noise_hold" and settings.execution == "coherence":
         raise ConfigurationError(
-            "warm_start=noise_hold gives all samples of a step the same noise: execution=coherence would have "
-            "nothing to choose from"
+            "warm_start=noise_hold gives all samples of a step the same noise: execution=coherence would "
+            "have nothing to choose from"
         )
     overlapping = settings.replan_interval < settings.n_action_steps
     if start == "noise_hold" and overlapping and settings.replan_interval % config.chunk_stride:

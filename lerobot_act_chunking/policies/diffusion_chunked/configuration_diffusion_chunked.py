@@ -47,12 +47,12 @@ class DiffusionChunkedConfig(ChunkedConfig):
         time_distribution: flow times seen in training: ``uniform``, ``beta`` (pi0: mostly noise) or
             ``logit_normal`` (mostly the middle).
         sampler: ``euler``, ``midpoint``, ``heun``, ``rk4`` (flow); ``ddim``, ``ddpm``, ``dpm++`` (ddpm).
-        num_inference_steps: its steps; a step of midpoint and Heun calls the network twice, of rk4 four times.
+        num_inference_steps: its steps; midpoint and Heun call the network twice in each, rk4 four times.
         timestep_spacing: which noise levels of ddpm they visit, a diffusers name; by default the one that
             suits the sampler.
         clip_sample: keep the estimate of the clean actions within +-``clip_sample_range`` (normalised).
-        clip_mode: whether a sampler's next step follows from the clipped estimate (``consistent``), or in part
-            from the estimate before clipping, as LeRobot's ``ddim``.
+        clip_mode: whether a sampler's next step follows from the clipped estimate (``consistent``), or in
+            part from the estimate before clipping, as LeRobot's ``ddim``.
         do_mask_loss_for_padding: leave steps behind the end of an episode out of the loss.
         unet_size: channels of ``unet1d``: S (64, 128, 256), M, L or XL (LeRobot's 512, 1024, 2048).
         down_dims: the same spelt out; wins over ``unet_size``.

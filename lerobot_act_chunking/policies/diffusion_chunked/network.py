@@ -2,21 +2,17 @@
 
 from torch import nn
 
-from lerobot_act_chunking.nn.condition import ConditionVector
+from lerobot_act_chunking.nn.condition import CameraKeypoints, ConditionTokens, ConditionVector
 from lerobot_act_chunking.nn.denoisers.denoiser import Denoiser
+from lerobot_act_chunking.nn.denoisers.dit import Dit
 from lerobot_act_chunking.nn.denoisers.mixer import Mixer
 from lerobot_act_chunking.nn.denoisers.time import StepEmbedding, UnitTimeEmbedding
+from lerobot_act_chunking.nn.denoisers.unet1d import Unet1d
 from lerobot_act_chunking.nn.observation import CameraTokens
 from lerobot_act_chunking.nn.vision import make_backbone
 from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked import (
     DiffusionChunkedConfig,
 )
-
-
-Dit = Unet1d = CameraKeypoints = None
-
-
-class ConditionTokens: ...
 
 
 class DiffusionNetwork(nn.Module):
