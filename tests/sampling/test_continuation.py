@@ -77,6 +77,7 @@ class TestPrefixWeights:
 def test_padding_is_not_plan():
     plan = torch.ones(2, 4, A)
     plan[0, 1] = 0  # in the middle of a plan: an action like any other
+    plan[0, 2, 1:] = 0
     plan[0, 3:] = 0
     plan[1] = 0
     assert covered_steps(plan).tolist() == [[True, True, True, False], [False] * 4]
