@@ -8,5 +8,14 @@ from jaxtyping import install_import_hook
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 # Before anything imports them: annotations become checks only in modules that are imported afterwards.
-CHECKED = ("nn", "heads", "execution", "data", "policies.act_chunked.network")
+CHECKED = (
+    "nn",
+    "heads",
+    "sampling",
+    "execution",
+    "data",
+    "policies.act_chunked.network",
+    "policies.diffusion_chunked.denoising",
+    "policies.diffusion_chunked.plan",
+)
 install_import_hook([f"lerobot_act_chunking.{module}" for module in CHECKED], "beartype.beartype")

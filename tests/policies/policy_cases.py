@@ -80,6 +80,11 @@ class Case:
     def larger_policy(self) -> PreTrainedPolicy:
         return self.policy(**LARGER[self.type])
 
+    @property
+    def lessons(self) -> int:
+        """Optimiser steps to learn eight samples by heart; denoisers also have to learn it for all noise."""
+        return 400 if self.type == "diffusion_chunked" else 160
+
     def noise(self, batch_size: int) -> dict[str, Tensor]:
         """What makes a policy that samples predict the same chunks whatever else is in the batch."""
         if self.type != "diffusion_chunked":
@@ -119,7 +124,8 @@ class WrappedCase(Case):
         )
 
 
-PAPER_AT_T = {"n_obs_steps": 1, "n_action_steps": T, "num_train_timesteps": 20, "num_inference_steps": 20}
+DDPM = {"objective": "ddpm", "clip_sample_range": 4.0}  # the actions are not normalised
+PAPER_AT_T = {"n_obs_steps": 1, "n_action_steps": T, "sampler": "ddim", "num_inference_steps": 20} | DDPM
 GUIDED = {
     "guidance_features": ["observation.environment_state"],
     "condition_dropout": 0.5,
@@ -136,7 +142,7 @@ CASES = [
     Case("velocity", "diffusion_chunked", STATE | ENVIRONMENT, {"prediction_type": "velocity"}),
     Case("two-step", "diffusion_chunked", STATE | VELOCITY, {"objective": "two_step"}),
     Case("dit", "diffusion_chunked", ENVIRONMENT | TOP, {"denoiser": "dit", "use_ema": False}),
-    Case("unet", "diffusion_chunked", STATE | TOP | WRIST, {"denoiser": "unet1d", "objective": "ddpm"}),
+    Case("unet", "diffusion_chunked", STATE | TOP | WRIST, {"denoiser": "unet1d"} | DDPM),
     Case("paper", "diffusion_chunked", STATE | ENVIRONMENT, {"preset": "paper"} | PAPER_AT_T),
     Case("goal", "diffusion_chunked", STATE | ENVIRONMENT, {"denoiser": "dit"} | GUIDED),
     Case("prefix", "diffusion_chunked", STATE, {"actions_per_token": 1, "prefix_steps": 2}),

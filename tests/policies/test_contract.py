@@ -58,8 +58,9 @@ def test_it_trains_in_mixed_precision(case):
 
 
 def test_per_sample_losses_average_to_the_loss(case):
-    policy, losses = case.policy().train(), {}
+    losses = {}
     for reduction in ("mean", "none"):
+        policy = case.policy().train()
         torch.manual_seed(3)
         losses[reduction], _ = policy.forward(case.batch(), reduction=reduction)
     assert losses["none"].shape == (B,)
@@ -83,10 +84,10 @@ def test_the_optimizer_gets_every_trainable_parameter_once(case):
 
 
 def test_padded_actions_change_neither_loss_nor_gradients(case):
-    policy, batch = case.policy(), case.batch()
-    loss, gradients = loss_and_gradients(policy, batch)
+    batch = case.batch()
+    loss, gradients = loss_and_gradients(case.policy(), batch)
     batch["action"] = torch.where(batch["action_is_pad"][..., None], 7.0, batch["action"])
-    other_loss, other_gradients = loss_and_gradients(policy, batch)
+    other_loss, other_gradients = loss_and_gradients(case.policy(), batch)
     assert torch.equal(loss, other_loss)
     for name, gradient in gradients.items():
         assert torch.equal(gradient, other_gradients[name]), name
@@ -202,7 +203,11 @@ def statistics(case):
     features = {**config.input_features, **config.output_features}
     shapes = {key: (3, 1, 1) if "image" in key else feature.shape for key, feature in features.items()}
     return {
-        key: {"mean": torch.full(shape, 0.3), "std": torch.full(shape, 0.7)} for key, shape in shapes.items()
+        key: {
+            name: torch.full(shape, value)
+            for name, value in {"mean": 0.3, "std": 0.7, "min": -1.5, "max": 2.0}.items()
+        }
+        for key, shape in shapes.items()
     }
 
 
@@ -221,7 +226,7 @@ def test_it_learns_eight_samples_by_heart(case):
     optimizer = torch.optim.AdamW([p for p in policy.parameters() if p.requires_grad], lr=3e-3)
     first = chunk_error(policy, batch)
     policy.train()
-    for _ in range(160):
+    for _ in range(case.lessons):
         policy.forward(batch)[0].backward()
         optimizer.step()
         optimizer.zero_grad()

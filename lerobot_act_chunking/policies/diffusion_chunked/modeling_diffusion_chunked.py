@@ -21,6 +21,7 @@ from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chu
 from lerobot_act_chunking.policies.diffusion_chunked.denoising import Denoising, Guidance
 from lerobot_act_chunking.policies.diffusion_chunked.network import DiffusionNetwork, build_network
 from lerobot_act_chunking.policies.diffusion_chunked.plan import Plan
+from lerobot_act_chunking.policies.diffusion_chunked.training_noise import TrainingNoise
 from lerobot_act_chunking.sampling.continuation import covered_steps
 from lerobot_act_chunking.sampling.noise import NoiseHold, NoiseSource
 from lerobot_act_chunking.sampling.process import Diffusion, Flow, TwoStep
@@ -38,6 +39,7 @@ class DiffusionChunkedPolicy(ChunkedPolicy[DiffusionChunkedConfig, DiffusionNetw
 
     def _build(self, backbone_weights: str | None) -> DiffusionNetwork:
         self.process = PROCESSES[self.config.objective](**self.config.process_settings)
+        self.training_noise = TrainingNoise()
         return build_network(self.config, backbone_weights)
 
     @property
@@ -50,7 +52,7 @@ class DiffusionChunkedPolicy(ChunkedPolicy[DiffusionChunkedConfig, DiffusionNetw
     ) -> tuple[Tensor, dict[str, float]]:
         """Training loss: squared error of what the network is asked for, at random noise levels.
 
-        Draws from PyTorch's global generator, which LeRobot seeds, saves and restores.
+        What is drawn follows from the run's seed and the number of batches before; see `TrainingNoise`.
 
         Args:
             batch: observations, ``action`` (B, horizon, A) and ``action_is_pad`` (B, horizon).
@@ -66,9 +68,11 @@ class DiffusionChunkedPolicy(ChunkedPolicy[DiffusionChunkedConfig, DiffusionNetw
         target = ActionTarget.from_lerobot(batch, self.feature_spec, self.config.horizon)
         window = Observation.window_from_lerobot(batch, self.feature_spec, self.config.n_obs_steps)
         actions = hold_padding(target.actions, target.is_pad)
-        time = self.process.draw_times(len(actions), like=actions)
-        prefix = self._draw_prefix(actions)
-        error = self._error(window, actions, torch.randn_like(actions), time, prefix)
+        generator = self.training_noise.generator(actions.device)
+        time = self.process.draw_times(len(actions), actions, generator)
+        noise = torch.randn(actions.shape, generator=generator, device=actions.device, dtype=actions.dtype)
+        prefix, drop = self._draw_prefix(actions, generator), self._draw_drop(actions, generator)
+        error = self._error(window, actions, noise, time, prefix, drop)
         ignored = target.is_pad if self.config.do_mask_loss_for_padding else torch.zeros_like(target.is_pad)
         if prefix is not None:
             ignored = ignored | prefix
@@ -85,32 +89,46 @@ class DiffusionChunkedPolicy(ChunkedPolicy[DiffusionChunkedConfig, DiffusionNetw
         noise: Float[Tensor, "B T A"],
         time: Float[Tensor, " B"],
         prefix: Bool[Tensor, "B T"] | None = None,
+        drop: Bool[Tensor, " B"] | None = None,
     ) -> Float[Tensor, "B T A"]:
-        """Squared error of the network at these noise levels, given the actions marked in ``prefix``."""
+        """Squared error of the network at these noise levels.
+
+        Args:
+            window: observations.
+            actions: clean.
+            noise: mixed into them ...
+            time: ... at these times.
+            prefix: actions that the network is given.
+            drop: samples whose ``guidance_features`` are left out.
+        """
         network, token_time = self._network, time
         if prefix is not None:
             time = torch.where(prefix, self.process.clean_time, time[:, None])
             token_time = time[:, :: self.config.actions_per_token]
         x = self.process.noised(actions, noise, time)
-        context = network.denoiser.observe(
-            network.condition(window.vectors, window.images, self._draw_drop(x))
-        )
+        context = network.denoiser.observe(network.condition(window.vectors, window.images, drop))
         output = network.denoiser(x, network.denoiser.modulate(token_time), context)
         return (output - self.process.target(actions, noise, time)).square()
 
-    def _draw_prefix(self, actions: Float[Tensor, "B T A"]) -> Bool[Tensor, "B T"] | None:
+    def _draw_prefix(
+        self, actions: Float[Tensor, "B T A"], generator: torch.Generator
+    ) -> Bool[Tensor, "B T"] | None:
         """Which first actions are given: as many tokens as chance says, up to `prefix_tokens`."""
         if not self.config.prefix_steps:
             return None
-        n_tokens = torch.randint(self.config.prefix_tokens + 1, (len(actions), 1), device=actions.device)
-        steps = torch.arange(actions.shape[1], device=actions.device)
+        device, longest = actions.device, self.config.prefix_tokens
+        n_tokens = torch.randint(longest + 1, (len(actions), 1), generator=generator, device=device)
+        steps = torch.arange(actions.shape[1], device=device)
         return steps < n_tokens * self.config.actions_per_token
 
-    def _draw_drop(self, actions: Float[Tensor, "B T A"]) -> Bool[Tensor, " B"] | None:
+    def _draw_drop(
+        self, actions: Float[Tensor, "B T A"], generator: torch.Generator
+    ) -> Bool[Tensor, " B"] | None:
         """For which samples the ``guidance_features`` are left out."""
         if not (self.training and self.config.condition_dropout):
             return None
-        return torch.rand(len(actions), device=actions.device) < self.config.condition_dropout
+        drawn = torch.rand(len(actions), generator=generator, device=actions.device)
+        return drawn < self.config.condition_dropout
 
     @torch.no_grad()
     def predict_action_chunk(
