@@ -12,7 +12,7 @@ from lerobot_act_chunking.nn.denoisers.mixer import modulated
 from lerobot_act_chunking.nn.dropout import Dropout
 
 PARTS = 9  # shift, scale and gate of each of a block's three branches
-Memory = tuple[Float[Tensor, "B H N d"], Float[Tensor, "B H N d"]]
+Memory = tuple[Float[Tensor, "B H L d"], Float[Tensor, "B H L d"]]
 
 
 class Dit(Denoiser):
@@ -117,7 +117,7 @@ class DitBlock(nn.Module):
             nn.Linear(dim, 4 * dim), nn.GELU(), Dropout(dropout), nn.Linear(4 * dim, dim)
         )
 
-    def memory(self, tokens: Float[Tensor, "B N D"]) -> Memory:
+    def memory(self, tokens: Float[Tensor, "B L D"]) -> Memory:
         """Keys and values of the observation tokens."""
         keys, values = (self._heads(part) for part in self.cross_kv_proj(tokens).chunk(2, dim=-1))
         return keys, values
