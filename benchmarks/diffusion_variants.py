@@ -1,0 +1,108 @@
+"""What benchmarks/diffusion_success.py trains, and how it lets it act."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+RECIPE: dict[str, Any] = yaml.safe_load((Path(__file__).parents[1] / "configs/diffusion.yaml").read_text())
+SEEDS = (0, 1, 2)
+EARLY = "000400"
+"""The checkpoint after a fifth of the training, where success is not saturated."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A policy's settings.
+
+    Attributes:
+        policy: settings of lerobot-train.
+        steps: training steps; the recipe's, or as many as take about as long on the same core.
+        episodes: that it is evaluated in, if not as many as all others.
+    """
+
+    policy: dict[str, Any]
+    steps: int = RECIPE["steps"]
+    episodes: int | None = None
+
+    @property
+    def is_lerobot(self) -> bool:
+        """LeRobot's own policy, which also keeps LeRobot's own dataset reader."""
+        return self.policy["type"] == "diffusion"
+
+
+def ours(steps: int = RECIPE["steps"], **changes: Any) -> Variant:
+    """The recipe but for these settings."""
+    return Variant({**RECIPE["policy"], **changes}, steps)
+
+
+def lerobot(steps: int, episodes: int | None = None, **changes: Any) -> Variant:
+    """LeRobot's defaults, sampled with 10 DDIM steps instead of DDPM's 100, for which a core has no time."""
+    sampling = {"noise_scheduler_type": "DDIM", "num_inference_steps": 10}
+    basics = {"type": "diffusion", "device": "cpu", "push_to_hub": False}
+    return Variant({**basics, **sampling, **changes}, steps, episodes)
+
+
+VARIANTS = {
+    "recipe": ours(),
+    "prefix": ours(prefix_steps=10),
+    "uniform_times": ours(time_distribution="uniform"),
+    "velocity": ours(prediction_type="velocity"),
+    "every_step": ours(horizon=100, chunk_stride=1, actions_per_token=5),
+    "two_step": ours(objective="two_step", num_inference_steps=2),
+    "ddpm_sample": ours(objective="ddpm", prediction_type="sample", num_inference_steps=10),
+    "ddpm_v": ours(objective="ddpm", prediction_type="v_prediction", num_inference_steps=10),
+    "ddpm_epsilon": ours(objective="ddpm", num_inference_steps=10),
+    "dit": ours(denoiser="dit", n_heads=4),
+    "unet1d": ours(denoiser="unet1d", unet_size="S"),
+    "lerobot_small": lerobot(400, down_dims=[64, 128, 256]),
+    "lerobot": lerobot(4, episodes=20),
+}
+
+
+@dataclass(frozen=True)
+class Run:
+    """What is evaluated: one training's checkpoint, and settings of sampling other than the trained ones."""
+
+    task: str
+    variant: str
+    seed: int = 0
+    checkpoint: str = "last"
+    sampling: dict[str, Any] = field(default_factory=dict)
+
+
+def recipe(task: str) -> Iterator[Run]:
+    """The headline: three training seeds."""
+    for seed in SEEDS:
+        yield Run(task, "recipe", seed)
+
+
+def against_lerobot(task: str) -> Iterator[Run]:
+    """LeRobot's `diffusion` on the same data, for as long."""
+    yield Run(task, "lerobot_small")
+    yield Run(task, "lerobot")
+
+
+def variants(task: str) -> Iterator[Run]:
+    """One setting changed at a time."""
+    for name, variant in VARIANTS.items():
+        if name != "recipe" and not variant.is_lerobot:
+            yield Run(task, name)
+
+
+def steps(task: str) -> Iterator[Run]:
+    """Samplers and their steps, trained and half trained."""
+    for checkpoint in ("last", EARLY):
+        for n_steps in (1, 2, 3, 5, 10, 20):
+            yield Run(task, "recipe", 0, checkpoint, {"sampler": "euler", "num_inference_steps": n_steps})
+        for n_steps in (1, 5, 10):
+            for sampler in ("midpoint", "heun"):
+                yield Run(task, "recipe", 0, checkpoint, {"sampler": sampler, "num_inference_steps": n_steps})
+    for n_steps in (1, 2, 3, 5, 10, 20):
+        for sampler in ("ddim", "dpm++", "ddpm"):
+            yield Run(task, "ddpm_epsilon", sampling={"sampler": sampler, "num_inference_steps": n_steps})
+
+
+STUDIES = {"recipe": recipe, "lerobot": against_lerobot, "variants": variants, "steps": steps}
