@@ -14,6 +14,7 @@ from lerobot_act_chunking.cli.motion import motion_command
 from lerobot_act_chunking.cli.quickstart import quickstart_command
 from lerobot_act_chunking.cli.record import record_command
 from lerobot_act_chunking.cli.smoothness import smoothness_command
+from lerobot_act_chunking.cli.steps import steps_command
 from lerobot_act_chunking.cli.wrap import wrap_command
 from lerobot_act_chunking.errors import ActChunkingError
 
@@ -33,6 +34,7 @@ app.command("wrap")(wrap_command)
 app.command("motion")(motion_command)
 app.command("smoothness")(smoothness_command)
 app.command("bandwidth")(bandwidth_command)
+app.command("steps")(steps_command)
 app.add_typer(hub.app, name="hub")
 
 

@@ -45,7 +45,11 @@ class Grid:
 
 
 def make_grid(
-    process: Process, own: Cell, *, samplers: Sequence[str] = (), steps: Sequence[int] = ()
+    process: Process,
+    own: Cell,
+    *,
+    samplers: Sequence[str] = (),
+    steps: Sequence[int] = (),
 ) -> Grid:
     """The sweep of a policy's process.
 
