@@ -5,6 +5,7 @@ step is two operations, whereas a scheduler's own step takes longer than evaluat
 carries state that no two threads may share.
 """
 
+import warnings
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
@@ -30,8 +31,7 @@ def make_diffusion_sampler(
     clip_mode: str,
 ) -> LinearSampler:
     """``ddim``, ``ddpm`` or ``dpm++``; see `make_sampler`. The arguments are checked."""
-    scheduler = _scheduler(process, name, spacing)
-    scheduler.set_timesteps(num_inference_steps)
+    scheduler = _scheduler(process, name, num_inference_steps, spacing)
     times = scheduler.timesteps.float()
     start = _start(times, strength * (process.num_train_timesteps - 1)) if strength < 1 else 0
     times = times[start:]
@@ -60,12 +60,13 @@ def ancestral_steps(levels: Sequence[tuple[float, float]]) -> tuple[Step, ...]:
     return tuple(steps)
 
 
-def _scheduler(process: Diffusion, name: str, spacing: str | None) -> Any:
+def _scheduler(process: Diffusion, name: str, num_inference_steps: int, spacing: str | None) -> Any:
+    """With its timesteps set."""
     settings = process.scheduler_settings()
     if name == "dpm++":
         from diffusers.schedulers.scheduling_dpmsolver_multistep import DPMSolverMultistepScheduler
 
-        return DPMSolverMultistepScheduler(
+        scheduler = DPMSolverMultistepScheduler(
             **settings,
             solver_order=2,
             lower_order_final=True,
@@ -73,9 +74,15 @@ def _scheduler(process: Diffusion, name: str, spacing: str | None) -> Any:
             timestep_spacing="trailing",
             lambda_min_clipped=MIN_LOG_SNR,
         )
-    from diffusers.schedulers.scheduling_ddim import DDIMScheduler
+    else:
+        from diffusers.schedulers.scheduling_ddim import DDIMScheduler
 
-    return DDIMScheduler(**settings | {"timestep_spacing": spacing or "leading"})
+        settings["timestep_spacing"] = spacing or "leading"
+        scheduler = DDIMScheduler(**settings)
+    with warnings.catch_warnings():  # diffusers gives tensors to NumPy in a way that NumPy 2 deprecates
+        warnings.filterwarnings("ignore", "__array__ implementation", DeprecationWarning)
+        scheduler.set_timesteps(num_inference_steps)
+    return scheduler
 
 
 def _start(times: Float[Tensor, " n"], wanted: float) -> int:
@@ -84,7 +91,7 @@ def _start(times: Float[Tensor, " n"], wanted: float) -> int:
 
 def _levels(process: Diffusion, times: Float[Tensor, " n"]) -> list[tuple[float, float]]:
     """Alpha and sigma of every time, and of the clean result."""
-    alphas, sigmas = process.levels(torch.cat([times, times.new_tensor([process.clean_time])]))
+    alphas, sigmas = process.levels(torch.cat([times.double(), torch.tensor([process.clean_time])]))
     return list(zip(alphas.tolist(), sigmas.tolist(), strict=True))
 
 

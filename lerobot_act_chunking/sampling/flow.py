@@ -30,11 +30,13 @@ class Tableau:
     weights: tuple[float, ...]
 
 
-EULER = Tableau((0,), ((),), (1,))
-MIDPOINT = Tableau((0, 1 / 2), ((), (1 / 2,)), (0, 1))
-HEUN = Tableau((0, 1), ((), (1,)), (1 / 2, 1 / 2))
-HEUN_THIRD_ORDER = Tableau((0, 1 / 3, 2 / 3), ((), (1 / 3,), (0, 2 / 3)), (1 / 4, 0, 3 / 4))
-RK4 = Tableau((0, 1 / 2, 1 / 2, 1), ((), (1 / 2,), (0, 1 / 2), (0, 0, 1)), (1 / 6, 1 / 3, 1 / 3, 1 / 6))
+EULER = Tableau((0.0,), ((),), (1.0,))
+MIDPOINT = Tableau((0.0, 1 / 2), ((), (1 / 2,)), (0.0, 1.0))
+HEUN = Tableau((0.0, 1.0), ((), (1.0,)), (1 / 2, 1 / 2))
+HEUN_THIRD_ORDER = Tableau((0.0, 1 / 3, 2 / 3), ((), (1 / 3,), (0.0, 2 / 3)), (1 / 4, 0.0, 3 / 4))
+RK4 = Tableau(
+    (0.0, 1 / 2, 1 / 2, 1.0), ((), (1 / 2,), (0.0, 1 / 2), (0.0, 0.0, 1.0)), (1 / 6, 1 / 3, 1 / 3, 1 / 6)
+)
 
 # All steps but the last, the last. At t = 1 a clean estimate no longer tells the slope (0 / 0): no stage of
 # the last step may lie there. One step of order p - 1 leaves an error of h^p: the whole keeps its order p.

@@ -1,11 +1,13 @@
 """Noise of several environments, each with its own, and noise that stays with the steps it was drawn for."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 from torch import Tensor
+
+Environments = Int64[Tensor, " n"] | Sequence[int] | None  # indices; None: all of them
 
 
 class NoiseSource:
@@ -21,13 +23,13 @@ class NoiseSource:
         self.seed = seed
         self._generators: dict[int, torch.Generator] = {}
 
-    def reset(self, envs: Iterable[int] | None = None) -> None:
+    def reset(self, envs: Environments = None) -> None:
         """Begin these environments' noise anew; all: equal to a fresh source."""
         for env in list(self._generators) if envs is None else envs:
             self._generators.pop(int(env), None)
 
     def generators(
-        self, batch_size: int, envs: Iterable[int] | None = None, n_samples: int = 1
+        self, batch_size: int, envs: Environments = None, n_samples: int = 1
     ) -> list[torch.Generator]:
         """The generator of each row of a batch of ``n_samples`` times these environments, sample-major.
 
@@ -40,7 +42,7 @@ class NoiseSource:
         return [self._generator(int(env)) for env in rows] * n_samples
 
     def draw(
-        self, batch_size: int, shape: Sequence[int], *, envs: Iterable[int] | None = None, n_samples: int = 1
+        self, batch_size: int, shape: Sequence[int], *, envs: Environments = None, n_samples: int = 1
     ) -> Float[Tensor, "n *S"]:
         """(n_samples * batch_size, ``*shape``) noise, sample-major, on the CPU.
 
@@ -70,13 +72,13 @@ class NoiseHold:
         self.source = source
         self._held: dict[int, tuple[int, Float[Tensor, "t A"]]] = {}  # first keyframe, noise from there on
 
-    def reset(self, envs: Iterable[int] | None = None) -> None:
+    def reset(self, envs: Environments = None) -> None:
         """Forget these environments' noise; all: equal to a fresh one. The source is not reset."""
         for env in list(self._held) if envs is None else envs:
             self._held.pop(int(env), None)
 
     def draw(
-        self, batch_size: int, shape: tuple[int, int], first: int, *, envs: Iterable[int] | None = None
+        self, batch_size: int, shape: tuple[int, int], first: int, *, envs: Environments = None
     ) -> Float[Tensor, "n T A"]:
         """Noise for a chunk of each environment.
 

@@ -72,17 +72,24 @@ class Process(ABC):
         """x0: the network's estimate of the clean actions; exact when its output is the `target`."""
         if self.prediction_type == "sample":
             return output
-        of_x, of_output = self.clean_weights(_spread(time, x))
-        return of_x * x + of_output * output
+        of_noise, sigma, determinant = self._equations(_spread(time, x))
+        return (of_noise * x - sigma * output) / determinant
 
     def clean_weights(self, time: Float[Tensor, "*S"]) -> tuple[Float[Tensor, "*S"], Float[Tensor, "*S"]]:
-        """`clean` is ``of_x * x + of_output * output``: tables for inference, made once for all times."""
+        """`clean` is ``of_x * x + of_output * output``: tables for inference, made once for all times.
+
+        The two differ by rounding, which epsilon's first steps magnify: 1 / alpha is 2000 at step 99 of 100.
+        """
         if self.prediction_type == "sample":
             return torch.zeros_like(time), torch.ones_like(time)
+        of_noise, sigma, determinant = self._equations(time)
+        return of_noise / determinant, -sigma / determinant
+
+    def _equations(self, time: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """What solves x = alpha a + sigma n, output = p a + q n for a: q, sigma and alpha q - sigma p."""
         alpha, sigma = self.levels(time)
         of_actions, of_noise = self._target_levels(alpha, sigma)
-        determinant = alpha * of_noise - sigma * of_actions
-        return of_noise / determinant, -sigma / determinant
+        return of_noise, sigma, alpha * of_noise - sigma * of_actions
 
     def _target_levels(self, alpha: Tensor, sigma: Tensor) -> tuple[Tensor, Tensor]:
         """How much of the actions and of the noise is in the target."""
@@ -154,7 +161,7 @@ class Diffusion(Process):
         alpha_bar = self._alpha_bars(time.device)[time.long() + 1].to(time.dtype)
         return alpha_bar.sqrt(), (1 - alpha_bar).sqrt()
 
-    def _alpha_bars(self, device: torch.device) -> Float[Tensor, " T+1"]:
+    def _alpha_bars(self, device: torch.device) -> Float[Tensor, " n_levels"]:
         """Of all steps, from the clean one on."""
         if device not in self._tables:
             from diffusers.schedulers.scheduling_ddpm import DDPMScheduler

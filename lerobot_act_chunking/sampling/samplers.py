@@ -26,7 +26,7 @@ def make_sampler(
     num_inference_steps: int,
     *,
     spacing: str | None = None,
-    strength: float = 1,
+    strength: float = 1.0,
     clip: float | None = None,
     clip_mode: str = "consistent",
 ) -> Sampler:
@@ -72,7 +72,7 @@ def make_sampler(
                 clip_mode=clip_mode,
             )
         case TwoStep():
-            return TwoStepSampler(torch.tensor([0, process.refine_time]), clip)
+            return TwoStepSampler(torch.tensor([0.0, process.refine_time]), clip)
         case _:
             return make_flow_sampler(name, num_inference_steps, strength=strength, clip=clip)
 
@@ -84,7 +84,7 @@ def check_sampler(
     *,
     num_train_timesteps: int = 100,
     spacing: str | None = None,
-    strength: float = 1,
+    strength: float = 1.0,
     clip_mode: str = "consistent",
 ) -> None:
     """Refuse what `make_sampler` would refuse; cheap, for configurations.

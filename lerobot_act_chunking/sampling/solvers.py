@@ -61,9 +61,9 @@ class Step:
 
     of_x: float
     of_clean: float
-    of_unclipped: float = 0
-    of_previous: float = 0
-    noise: float = 0
+    of_unclipped: float = 0.0
+    of_previous: float = 0.0
+    noise: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
