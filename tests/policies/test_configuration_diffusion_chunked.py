@@ -26,7 +26,7 @@ def with_features(**settings):
 
 @pytest.mark.parametrize(
     ("objective", "sampler", "steps", "clipped"),
-    [("flow", "euler", 10, False), ("ddpm", "ddim", 10, True), ("two_step", "two_step", 2, False)],
+    [("flow", "euler", 5, False), ("ddpm", "ddim", 10, True), ("two_step", "two_step", 2, False)],
 )
 def test_sampling_follows_from_the_objective(objective, sampler, steps, clipped):
     made = config(objective=objective)

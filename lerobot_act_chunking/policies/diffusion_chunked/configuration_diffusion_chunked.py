@@ -103,7 +103,7 @@ class DiffusionChunkedConfig(ChunkedConfig):
     beta_schedule: Literal["squaredcos_cap_v2", "linear", "scaled_linear"] = "squaredcos_cap_v2"
     beta_start: float = 0.0001
     beta_end: float = 0.02
-    time_distribution: Literal["uniform", "beta", "logit_normal"] = "uniform"
+    time_distribution: Literal["uniform", "beta", "logit_normal"] = "beta"
 
     sampler: SamplerName = PRESET
     num_inference_steps: int = PRESET

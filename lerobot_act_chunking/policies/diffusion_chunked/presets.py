@@ -10,7 +10,7 @@ PRESETS = ("base", "paper")
 UNET_SIZES = {"S": (64, 128, 256), "M": (128, 256, 512), "L": (256, 512, 1024), "XL": (512, 1024, 2048)}
 
 _BY_OBJECTIVE: dict[str, dict[str, Any]] = {
-    "flow": {"prediction_type": "sample", "sampler": "euler", "num_inference_steps": 10},
+    "flow": {"prediction_type": "sample", "sampler": "euler", "num_inference_steps": 5},
     "ddpm": {"prediction_type": "epsilon", "sampler": "ddim", "num_inference_steps": 10},
     "two_step": {"prediction_type": "sample", "sampler": "two_step", "num_inference_steps": 2},
 }
