@@ -77,9 +77,11 @@ def continued(
     velocity, (f - x) / sigma, changes by w J' W (y - f), eq. 2, where the authors bound w. Any other process
     is flow with x divided by alpha + sigma, under which sigma J, and so this formula, stays as it is.
 
-    LeRobot's RTCProcessor puts the identity in place of flow's J, here I / (alpha + sigma). It saves the
-    backward pass; actions without weight learn of the plan only through x. Either way the errors of f at
-    neighbouring steps count as if they were independent, which overdoes the correction of smooth motions.
+    LeRobot's RTCProcessor puts the identity in place of flow's J, here I / (alpha + sigma), which saves the
+    backward pass. For an ideal network J is alpha / sigma^2 times the covariance of a given x, so that the
+    exact product moves what the network is unsure of, and with it the steps that depend on it, but hardly a
+    chunk that the observation decides; the identity holds any chunk to the plan. With either, the errors of
+    f at neighbouring steps count as if they were independent, which overdoes it for smooth motions.
 
     Without a plan (all weights zero) ``denoise`` itself is returned. Works for callers in inference mode;
     gradients do not reach beyond it. Clipping belongs around it: inside, it would cut J.

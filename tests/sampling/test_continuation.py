@@ -257,6 +257,13 @@ def test_errors_of_neighbouring_steps_count_as_if_independent(vjp):
     assert 0.3 * unguided_after < after < 0.8 * unguided_after
 
 
+def test_only_the_identity_moves_a_network_that_is_sure():
+    chunk, plan, x = normal(B, T, A), normal(B, T, A, seed=1), normal(B, T, A, seed=2)
+    sure = [continued(lambda x, i: chunk, *FLOW, plan, SOFT, vjp=vjp)(x, 5) for vjp in ("exact", "identity")]
+    torch.testing.assert_close(sure[0], chunk)
+    torch.testing.assert_close(sure[1], chunk + SOFT[..., None] * (plan - chunk))
+
+
 def test_held_networks_see_and_answer_with_the_plan():
     frozen = torch.tensor([[True, True, False, False, False]])
     x, plan = normal(B, T, A), normal(B, T, A, seed=1)
