@@ -99,8 +99,14 @@ def _measure(request: "Request", task: str | None, n_seeds: int, console: Consol
 
 
 def _show_on(bar: Any, description: str) -> Any:
-    line = bar.add_task(description, total=None)
-    return lambda done, planned: bar.update(line, completed=done, total=planned)
+    lines: list[Any] = []  # none before there is something to show: refusals come first
+
+    def show(done: int, planned: int) -> None:
+        if not lines:
+            lines.append(bar.add_task(description, total=planned))
+        bar.update(lines[0], completed=done)
+
+    return show
 
 
 def _write(report: Any, json: Path | None, out: Path | None) -> list[str]:

@@ -16,6 +16,7 @@ def print_card(report: StepsReport, console: Console) -> None:
     """Print the sweep, what the model itself is worth, what to know about it, and the verdict."""
     source = f"[dim]({report.settings['objective']}, {report.request.checkpoint})[/]"
     console.print(f"[bold]{report.own} of {report.settings['type']}[/] {source}", soft_wrap=True)
+    console.print(f"Error of 95 % of the chunks against {report.sweep.reference.cell}, in {report.unit}:")
     console.print(_sweep_table(report))
     facts = Table(show_header=False, box=None, pad_edge=False)
     for row in _rows(report):
@@ -30,11 +31,10 @@ def print_card(report: StepsReport, console: Console) -> None:
 
 def _sweep_table(report: StepsReport) -> Table:
     """Errors by steps (down) and sampler (across); green where they are within the tolerance."""
-    title = f"error [{report.unit}] (95 %) and network calls, held against {report.sweep.reference.cell}"
-    table = Table(title=title.replace("[", "\\["), title_justify="left", box=None, pad_edge=False)
+    table = Table(box=None, pad_edge=False)
     table.add_column("steps", justify="right")
     for series in report.judgement.series:
-        table.add_column(_name(series), justify="right")
+        table.add_column(series.name, justify="right")
     results = {(each.cell.sampler, each.cell.spacing, each.cell.n_steps): each for each in report.sweep.cells}
     for n in sorted({each.cell.n_steps for each in report.sweep.cells}):
         row = [results.get((series.sampler, series.spacing, n)) for series in report.judgement.series]
@@ -72,11 +72,7 @@ def _rows(report: StepsReport) -> list[tuple[str, str]]:
 
 def _by_series(series: Sequence[Series], values: Sequence[float | None], form: str) -> str:
     told = ("-" if value is None else format(value, form) for value in values)
-    return ", ".join(f"{_name(each)} {value}" for each, value in zip(series, told, strict=True))
-
-
-def _name(series: Series) -> str:
-    return f"{series.sampler} {series.spacing}" if series.spacing else series.sampler
+    return ", ".join(f"{each.name} {value}" for each, value in zip(series, told, strict=True))
 
 
 def _observations(report: StepsReport) -> str:
@@ -102,7 +98,7 @@ def _to_demonstrations(report: StepsReport) -> str:
 def _modes(report: StepsReport) -> str:
     reference = report.sweep.reference
     if reference.separation is None:
-        return "one"
+        return "one for each observation"
     counts = [f"{n} with {i}" for i, n in enumerate(reference.mode_counts, start=1) if n]
     return f"observations: {', '.join(counts)}; {reference.separation:.2g} {report.unit} apart"
 
@@ -114,8 +110,6 @@ def _own(report: StepsReport) -> str:
         parts.append(f"near contact {own.error_near_contact['p95']:.2g} {report.unit}")
     if own.flip_rate:
         parts.append(f"{own.flip_rate:.0%} flipped")
-    if own.energy_share is not None:
-        parts.append(f"distribution {own.energy_share:.2%} off")
     if own.ms is not None:
         parts.append(f"{own.ms:.3g} ms")
     return ", ".join(parts)

@@ -98,7 +98,7 @@ def make_grid(
 
 def _deterministic(own: Cell, available: Sequence[str]) -> Cell:
     sampler = own.sampler if own.sampler in available else available[0]
-    return Cell(sampler, own.n_steps, own.spacing if _spacings(sampler) == SPACINGS else None)
+    return Cell(sampler, own.n_steps, own.spacing or _spacings(sampler)[0])
 
 
 def _order(cell: Cell) -> tuple[str, str, int]:

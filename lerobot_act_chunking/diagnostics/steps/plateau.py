@@ -1,6 +1,6 @@
-"""From the sweep to an answer: how many steps are enough, or why no number of steps would be."""
+"""From the sweep to numbers of steps: where each sampler's plateau is, and which one to use."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import groupby
 
@@ -9,16 +9,22 @@ from lerobot_act_chunking.diagnostics.steps.results import CellResult, Sweep
 from lerobot_act_chunking.diagnostics.steps.statistics import observed_order
 
 SAME_DEMONSTRATION_ERROR = 0.02
-"""Relative difference to the reference's error against the demonstrations that counts as none."""
+"""Relative difference between two errors against the demonstrations that counts as none."""
 NO_IMPROVEMENT = 0.05
 """Relative improvement against the demonstrations, over the next two step counts, that counts as none."""
 BY_FAR = 2.0
 """Spread near contact, in tolerances, from which the model and not the sampler is the limit."""
 BELOW_SPREAD = 0.5
 """Error, as a share of the spread, that does not matter beside it: it adds at most an eighth to it."""
-FEWEST_OBSERVATIONS = 256
+NOT_CONVERGED = 0.25
+"""Difference between the two references, as a share of the error of 5 to 10 steps, from which there is no
+convergence. From 10 steps to 100, even a first-order sampler's error falls to a tenth."""
 
-PLATEAU, BELOW_MODEL = "plateau", "below the model's own spread"
+SPREAD, CONVERGENCE = "spread", "convergence"
+"""What limits a model: it samples far-apart positions, or its samples go on changing with the steps."""
+PLATEAU = "plateau"
+BELOW_MODEL = "below the model's own spread"
+NEAREST = "as near to the demonstrations as any"
 
 
 @dataclass(frozen=True)
@@ -29,6 +35,7 @@ class Series:
         order: of convergence: errors fall like ``n ** -order``; None if too few cells show it.
         plateau: fewest steps that are enough; None if none are.
         below_model: fewest steps whose error does not matter beside the model's own spread.
+        nearest: fewest steps that are as near to the demonstrations as any cell.
     """
 
     sampler: str
@@ -36,11 +43,17 @@ class Series:
     order: float | None
     plateau: int | None
     below_model: int | None
+    nearest: int | None
+
+    @property
+    def name(self) -> str:
+        """Sampler and, where there are several, spacing."""
+        return f"{self.sampler} {self.spacing}" if self.spacing else self.sampler
 
 
 @dataclass(frozen=True)
 class Recommendation:
-    """The sampler to use; ``reason`` is `PLATEAU` or, for a limited model, `BELOW_MODEL`."""
+    """The sampler to use; ``reason`` is `PLATEAU` or, for a limited model, `BELOW_MODEL` or `NEAREST`."""
 
     cell: Cell
     evaluations: int
@@ -53,64 +66,49 @@ class Recommendation:
         return flags + (f" --policy.timestep_spacing={self.cell.spacing}" if self.cell.spacing else "")
 
 
-@dataclass(frozen=True)
-class Judgement:
-    """The answer."""
-
-    verdict: str
-    reasons: list[str]
-    series: list[Series]
-    recommended: Recommendation | None
-    model_limited: bool
-
-
-def judge(sweep: Sweep, own: Cell, tolerance: float, unit: str) -> Judgement:
-    """Find each sampler's plateau and say whether the policy's own steps are on it.
+def find_limit(sweep: Sweep, tolerance: float) -> str | None:
+    """What no number of steps can mend, `SPREAD` or `CONVERGENCE`; None if the sampler is the limit.
 
     Args:
         sweep: the measurement.
-        own: the sampler that the policy uses.
-        tolerance: differences that do not matter, in the sweep's unit.
-        unit: its name.
+        tolerance: differences that do not matter, in its unit.
     """
-    spread = sweep.reference.spread
-    limited = spread is not None and spread["p50"] > BY_FAR * tolerance
-    series = [_series(list(cells), sweep, tolerance) for cells in _by_sampler(sweep)]
-    recommended = _recommend(sweep, series, limited)
-    verdict, reasons = _verdict(sweep, own, tolerance, unit, limited)
-    if recommended is not None and verdict != "inconclusive":
-        reasons += _advice(sweep.of(own), recommended)
-    return Judgement(verdict, reasons, series, recommended, limited)
+    floor, spread = sweep.reference.disagreement, sweep.reference.spread
+    if spread is not None and spread["p50"] > BY_FAR * tolerance:
+        return SPREAD
+    few = [r.error["p50"] for r in sweep.cells if r.error is not None and 5 <= r.cell.n_steps <= 10]
+    if floor is None or not few or floor["p95"] <= tolerance:
+        return None
+    return CONVERGENCE if floor["p50"] > NOT_CONVERGED * min(few) else None
 
 
-def _by_sampler(sweep: Sweep) -> Iterator[list[CellResult]]:
-    for _, cells in groupby(sweep.cells, lambda result: (result.cell.sampler, result.cell.spacing)):
-        yield list(cells)
+def all_series(sweep: Sweep, tolerance: float) -> list[Series]:
+    """Every sampler and spacing of the sweep."""
+    return [_series(cells, sweep, tolerance) for cells in _by_sampler(sweep)]
 
 
-def _series(cells: list[CellResult], sweep: Sweep, tolerance: float) -> Series:
-    floor = sweep.reference.disagreement
-    measured = [result for result in cells if result.error is not None]
-    own_floor = 0.0 if floor is None else floor["p50"]
-    enough = (i for i in range(len(cells)) if _on_plateau(cells, i, sweep, tolerance))
-    spread = sweep.reference.spread
-    small = (r for r in measured if spread and r.error and r.error["p95"] < BELOW_SPREAD * spread["p50"])
-    plateau, below = next(enough, None), next(small, None)
-    return Series(
-        sampler=cells[0].cell.sampler,
-        spacing=cells[0].cell.spacing,
-        order=observed_order(
-            [r.cell.n_steps for r in measured], [r.error["p50"] for r in measured if r.error], own_floor
-        ),
-        plateau=None if plateau is None else cells[plateau].cell.n_steps,
-        below_model=None if below is None else below.cell.n_steps,
-    )
+def recommend(sweep: Sweep, series: list[Series], limit: str | None) -> Recommendation | None:
+    """The plateau, or for a limited model what suffices for it, that takes the fewest network calls."""
+    reason = {None: PLATEAU, SPREAD: BELOW_MODEL, CONVERGENCE: NEAREST}[limit]
+    steps_of: dict[str, Callable[[Series], int | None]] = {
+        PLATEAU: lambda each: each.plateau,
+        BELOW_MODEL: lambda each: each.below_model,
+        NEAREST: lambda each: each.nearest,
+    }
+    found = [(each, steps_of[reason](each)) for each in series]
+    results = [sweep.of(Cell(each.sampler, n, each.spacing)) for each, n in found if n is not None]
+    if not results:
+        return None
+    best = min(results, key=lambda r: (r.evaluations, r.demonstration_error, str(r.cell)))
+    return Recommendation(best.cell, best.evaluations, reason)
 
 
-def _on_plateau(cells: list[CellResult], i: int, sweep: Sweep, tolerance: float) -> bool:
-    """Precise, as good as the reference against the demonstrations, and no better with more steps."""
-    here, reference = cells[i], sweep.reference.demonstration_error
-    improved = [here.demonstration_error - later.demonstration_error for later in cells[i + 1 : i + 3]]
+def on_plateau(sweep: Sweep, cell: Cell, tolerance: float) -> bool:
+    """Whether a cell is precise, as good as the reference, and no more steps of its sampler are better."""
+    kin = [r for r in sweep.cells if (r.cell.sampler, r.cell.spacing) == (cell.sampler, cell.spacing)]
+    here = sweep.of(cell)
+    reference, later = sweep.reference.demonstration_error, kin[kin.index(here) + 1 :][:2]
+    improved = [here.demonstration_error - result.demonstration_error for result in later]
     return (
         here.error is not None
         and here.error["p95"] < tolerance
@@ -119,75 +117,27 @@ def _on_plateau(cells: list[CellResult], i: int, sweep: Sweep, tolerance: float)
     )
 
 
-def _recommend(sweep: Sweep, series: list[Series], limited: bool) -> Recommendation | None:
-    """The plateau, or for a limited model what suffices for it, that takes the fewest network calls."""
-    candidates = []
-    for each in series:
-        steps = each.below_model if limited else each.plateau
-        if steps is not None:
-            result = sweep.of(Cell(each.sampler, steps, each.spacing))
-            assert result.error is not None  # noqa: S101  (both rules ask for its quantiles)
-            candidates.append((result.evaluations, result.error["p95"], str(result.cell), result.cell))
-    if not candidates:
-        return None
-    evaluations, _, _, cell = min(candidates, key=lambda each: each[:3])
-    return Recommendation(cell, evaluations, BELOW_MODEL if limited else PLATEAU)
+def _by_sampler(sweep: Sweep) -> Iterator[list[CellResult]]:
+    for _, cells in groupby(sweep.cells, lambda result: (result.cell.sampler, result.cell.spacing)):
+        yield list(cells)
 
 
-def _verdict(sweep: Sweep, own: Cell, tolerance: float, unit: str, limited: bool) -> tuple[str, list[str]]:
-    floor, spread, reference = sweep.reference.disagreement, sweep.reference.spread, sweep.reference.cell
-    if limited and spread is not None:
-        return "fail", [
-            f"model-limited: near contact, samples for one observation spread by {spread['p50']:.2g} {unit} "
-            f"even with {reference} (allowed: {tolerance:g} {unit}): no number of steps mends that"
-        ]
-    if floor is None or floor["p95"] > tolerance:
-        apart = "everywhere" if floor is None else f"by {floor['p95']:.2g} {unit}"
-        return "inconclusive", [
-            f"the two many-step references, {reference} and {sweep.reference.second}, differ {apart}, more "
-            f"than the tolerance of {tolerance:g} {unit}: neither can judge the others"
-        ]
-    if sweep.n_observations < FEWEST_OBSERVATIONS:
-        return "inconclusive", [
-            f"{sweep.n_observations} observations are too few for a 95th percentile; it takes "
-            f"{FEWEST_OBSERVATIONS}: hold out more --episodes"
-        ]
-    return _verdict_on(sweep, own, tolerance, unit)
-
-
-def _verdict_on(sweep: Sweep, own: Cell, tolerance: float, unit: str) -> tuple[str, list[str]]:
-    """Of the policy's own steps, by a reference and a model that are precise enough."""
-    mine, reference = sweep.of(own), sweep.reference
-    if mine.error is None or mine.error["p95"] >= tolerance:
-        apart = "all in another mode" if mine.error is None else f"{mine.error['p95']:.2g} {unit} (p95) off"
-        return "fail", [f"too few steps: {own} is {apart}, held against {reference.cell}"]
-    enough = f"{own} is within {mine.error['p95']:.2g} {unit} (p95) of {reference.cell}"
-    kin = [r for r in sweep.cells if (r.cell.sampler, r.cell.spacing) == (own.sampler, own.spacing)]
-    if not _on_plateau(kin, kin.index(mine), sweep, tolerance):
-        return "warn", [
-            f"{enough}, but its distance to the demonstrations ({mine.demonstration_error:.3g} {unit}) is "
-            f"not the same yet ({reference.demonstration_error:.3g} {unit}), or more steps still lower it"
-        ]
-    apart = _unexplained(sweep, tolerance)
-    if apart is not None:
-        return "warn", [
-            f"{enough}, but near contact both are {apart:.2g} {unit} away from the demonstrations, more than "
-            "the spread of the samples explains: steps do not help against that"
-        ]
-    return "pass", [enough]
-
-
-def _unexplained(sweep: Sweep, tolerance: float) -> float | None:
-    """Distance to the demonstrations near contact, if neither tolerance nor spread account for it."""
-    apart, spread = sweep.reference.demonstration_error_near_contact, sweep.reference.spread
-    if apart is None or spread is None or apart["p50"] <= BY_FAR * max(tolerance, spread["p50"]):
-        return None
-    return apart["p50"]
-
-
-def _advice(own: CellResult, recommended: Recommendation) -> list[str]:
-    if recommended.cell == own.cell:
-        return [f"{own.cell} is the cheapest that is enough"]
-    what = "is all that this model can use" if recommended.reason == BELOW_MODEL else "is enough"
-    calls = f"{recommended.evaluations} network calls a chunk, now {own.evaluations}"
-    return [f"{recommended.cell} {what}: {calls}"]
+def _series(cells: list[CellResult], sweep: Sweep, tolerance: float) -> Series:
+    floor, spread = sweep.reference.disagreement, sweep.reference.spread
+    errors = [(r.cell.n_steps, r.error) for r in cells if r.error is not None]
+    nearest = min(result.demonstration_error for result in sweep.cells)
+    enough = (r.cell.n_steps for r in cells if on_plateau(sweep, r.cell, tolerance))
+    small = (n for n, error in errors if spread and error["p95"] < BELOW_SPREAD * spread["p50"])
+    near = (
+        r.cell.n_steps for r in cells if r.demonstration_error <= (1 + SAME_DEMONSTRATION_ERROR) * nearest
+    )
+    return Series(
+        sampler=cells[0].cell.sampler,
+        spacing=cells[0].cell.spacing,
+        order=observed_order(
+            [n for n, _ in errors], [error["p50"] for _, error in errors], floor["p50"] if floor else 0.0
+        ),
+        plateau=next(enough, None),
+        below_model=next(small, None),
+        nearest=next(near, None),
+    )

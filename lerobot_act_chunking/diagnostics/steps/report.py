@@ -11,7 +11,6 @@ from lerobot_act_chunking.diagnostics.bandwidth.report import EXIT_CODES
 from lerobot_act_chunking.diagnostics.bandwidth.source import check_positive
 from lerobot_act_chunking.diagnostics.steps import plateau
 from lerobot_act_chunking.diagnostics.steps.grid import Cell, make_grid
-from lerobot_act_chunking.diagnostics.steps.plateau import Judgement, judge
 from lerobot_act_chunking.diagnostics.steps.positions import Measure
 from lerobot_act_chunking.diagnostics.steps.results import CellResult, Sweep
 from lerobot_act_chunking.diagnostics.steps.sources import HeldOut, hold_out
@@ -23,14 +22,19 @@ from lerobot_act_chunking.diagnostics.steps.subject import (
 )
 from lerobot_act_chunking.diagnostics.steps.success import SuccessOfCell
 from lerobot_act_chunking.diagnostics.steps.sweep import Progress, Scale, run_sweep
+from lerobot_act_chunking.diagnostics.steps.verdict import Judgement, judge
 from lerobot_act_chunking.errors import ConfigurationError
 
 DEFAULT_TOLERANCE_MM = 0.5
 
-MODEL_LIMITED = (
-    "What helps a model that is limited by itself: more training or demonstrations of the contact, a "
-    "demonstrator who repeats it more exactly, an observation that shows what decides there. In execution: "
-    "averaging overlapping chunks, or replanning more often near contact."
+TOO_WIDE = (
+    "What helps a model that spreads: more training or demonstrations of the contact, a demonstrator who "
+    "repeats it more exactly, an observation that shows what decides there."
+)
+NOT_CONVERGING = (
+    "The network answers differently at neighbouring noise levels, and the last ones it is asked at, which "
+    "depend on the number of steps, decide. More training makes its answers agree; their distance to the "
+    "demonstrations says which steps to use meanwhile."
 )
 SEEN = "The policy was trained on these episodes: its distance to the demonstrations is flattering."
 ONE_MODE = "Samples for one observation form one mode: there are no mode flips to leave out."
@@ -120,7 +124,7 @@ class StepsReport:
             "thresholds": self._thresholds(),
             "unit": self.unit,
             "own": asdict(self.own),
-            "model_limited": judgement.model_limited,
+            "limit": judgement.limit,
             "recommended": recommended and {**asdict(recommended), "flags": recommended.flags},
             "reference": asdict(self.sweep.reference),
             "series": [asdict(series) for series in judgement.series],
@@ -136,6 +140,7 @@ class StepsReport:
             "no_improvement": plateau.NO_IMPROVEMENT,
             "model_limited_from": plateau.BY_FAR * self.tolerance,
             "below_spread": plateau.BELOW_SPREAD,
+            "not_converged": plateau.NOT_CONVERGED,
         }
 
     def write_json(self, path: Path) -> Path:
@@ -214,7 +219,8 @@ def _notes(sweep: Sweep, judgement: Judgement, held_out: HeldOut, configured: Ce
         (sweep.reference.separation is not None, lambda: SEVERAL_MODES.format(share=share)),
         (configured.sampler != own.sampler, lambda: STOCHASTIC.format(sampler=configured.sampler, own=own)),
         (held_out.seen_in_training, lambda: SEEN),
-        (judgement.model_limited, lambda: MODEL_LIMITED),
+        (judgement.limit == plateau.SPREAD, lambda: TOO_WIDE),
+        (judgement.limit == plateau.CONVERGENCE, lambda: NOT_CONVERGING),
     ]
     return [note() for applies, note in rules if applies]
 

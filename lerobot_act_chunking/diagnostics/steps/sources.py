@@ -70,10 +70,8 @@ def hold_out(
     trained_on = _training_dataset(checkpoint)
     folder = Path(path or trained_on.get("root") or "")
     if not (folder / "meta" / "info.json").exists():
-        wanted = f"there is no dataset at {path}" if path else "the checkpoint's training dataset is not here"
-        raise DatasetError(
-            f"{wanted}: give the folder of a LeRobotDataset (with meta/info.json) as --dataset"
-        )
+        absent = f"there is no dataset at {path}" if path else "the checkpoint's training dataset is not here"
+        raise DatasetError(f"{absent}: give a LeRobotDataset's folder (with meta/info.json) as --dataset")
     dataset = _open(folder, config)
     actions = _column(dataset, ACTION).astype(np.float64)
     measure = measure_of(dataset.meta.features[ACTION])

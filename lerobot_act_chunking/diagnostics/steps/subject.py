@@ -95,7 +95,7 @@ def load_steppable(checkpoint: str) -> LoadedPolicy:
     config = read_config(checkpoint)
     if config.type == "temporal_ensemble":
         raise ConfigurationError(
-            "the checkpoint is a wrapper, which takes no steps: give the one that it wraps"
+            "a temporal_ensemble takes no steps of its own: give the checkpoint it wraps"
         )
     if config.type != POLICY_TYPE:
         raise ConfigurationError(

@@ -74,10 +74,10 @@ def gaussian(width, count=256, seed=0):
 
 
 def three_modes(masses=(0.7, 0.2, 0.1), count=256, apart=4.0, width=0.05):
-    """Three directions at 120 degrees, the same for all steps of a chunk."""
-    angles = np.radians([90, 210, 330])
+    """As many of three directions at 120 degrees as there are masses, the same for all steps of a chunk."""
+    angles = np.radians([90, 210, 330])[: len(masses)]
     means = np.repeat(apart / np.sqrt(3) * np.stack([np.cos(angles), np.sin(angles)], -1)[:, None], T, 1)
-    return Mixture(np.broadcast_to(means, (count, 3, T, A)), np.array(masses), width)
+    return Mixture(np.broadcast_to(means, (count, len(masses), T, A)), np.array(masses), width)
 
 
 def _step(sampler, velocity, x, i, n):

@@ -7,8 +7,9 @@ import pytest
 from fields import MEASURE, A, T, gaussian, grid_of, three_modes
 
 from lerobot_act_chunking.diagnostics.steps.grid import Cell
-from lerobot_act_chunking.diagnostics.steps.plateau import BELOW_MODEL, PLATEAU, judge
+from lerobot_act_chunking.diagnostics.steps.plateau import BELOW_MODEL, CONVERGENCE, NEAREST, PLATEAU, SPREAD
 from lerobot_act_chunking.diagnostics.steps.sweep import Demonstrated, Scale, run_sweep
+from lerobot_act_chunking.diagnostics.steps.verdict import judge
 
 WIDTH = 0.4
 SCALE = Scale(crowd=12, noises=16, tolerance=0.3, seed=3)
@@ -133,14 +134,14 @@ def test_the_cheapest_plateau_is_recommended(narrow):
     _, grid, sweep = narrow
     judgement = judge(sweep, Cell("midpoint", 5), 0.3, "units")
     assert judgement.verdict == "pass"
-    assert not judgement.model_limited
+    assert judgement.limit is None
     assert judgement.recommended.reason == PLATEAU
     plateaus = [Cell(each.sampler, each.plateau) for each in judgement.series]
     fewest = min(grid.evaluations[cell] for cell in plateaus)
     assert judgement.recommended.evaluations == fewest
     assert f"{fewest} network calls a chunk, now 10" in judgement.reasons[1]
     best = judge(sweep, judgement.recommended.cell, 0.3, "units")
-    assert best.reasons[1] == f"{best.recommended.cell} is the cheapest that is enough"
+    assert best.reasons[1] == f"{best.recommended.cell} is the cheapest that is enough for it"
 
 
 def test_precise_but_not_yet_on_the_plateau_warns(narrow):
@@ -164,7 +165,7 @@ def test_too_few_steps_fail_and_are_told_what_is_enough(narrow):
 def test_a_spread_beyond_the_tolerance_is_the_models(narrow):
     _, grid, sweep = narrow
     judgement = judge(sweep, grid.own, 0.01, "units")
-    assert judgement.model_limited
+    assert judgement.limit == SPREAD
     assert judgement.verdict == "fail"
     assert "model-limited: near contact, samples for one observation spread by 0.4" in judgement.reasons[0]
     assert judgement.recommended.reason == BELOW_MODEL
@@ -180,15 +181,46 @@ def test_samples_that_agree_on_something_else_than_was_demonstrated_warn():
     assert "away from the demonstrations, more than" in judgement.reasons[0]
 
 
-def test_references_that_disagree_judge_nothing():
-    class Rough(type(gaussian(0.1))):
-        def sample(self, cell, rows, noise):
-            return super().sample(cell, rows, noise) + (cell.sampler == "rk4")
+@dataclasses.dataclass
+class Opinionated:
+    """A network whose answer depends on when it is asked last; a few steps are nearest to the truth."""
 
-    rough, grid = Rough(gaussian(0.1).means, np.ones(1), 0.1), grid_of(samplers=["euler"])
-    judgement = judge(sweep_of(rough, grid), grid.own, 0.3, "units")
+    field: object
+    off: dict
+
+    noise_shape = (T, A)
+
+    def sample(self, cell, rows, noise):
+        return self.field.sample(cell, rows, noise) + self.off.get(cell.sampler, self.off.get(cell, 0.0))
+
+    def milliseconds(self, cell):
+        return None
+
+
+def test_what_does_not_converge_is_the_models_limit():
+    field, grid = gaussian(0.01), grid_of(samplers=["euler"])
+    off = {Cell("euler", n): 2.0 for n in (1, 8, 10, 16, 20, 32, 50, 100)} | {"midpoint": 1.0, "rk4": 2.0}
+    sweep = sweep_of(Opinionated(field, off), grid, demonstrated=field.demonstrated())
+    judgement = judge(sweep, grid.own, 0.3, "units")
+    assert judgement.verdict == "fail"
+    assert judgement.limit == CONVERGENCE
+    assert (
+        "model-limited: more steps do not converge: even rk4 50 and midpoint 100 differ by 1 units"
+        in (judgement.reasons[0])
+    )
+    assert judgement.recommended.reason == NEAREST
+    assert judgement.recommended.cell.n_steps in (2, 3, 5)
+    assert "as near to the demonstrations as any" in judgement.reasons[1]
+
+
+def test_references_that_disagree_but_converge_judge_nothing():
+    field, grid = gaussian(0.01), grid_of(samplers=["euler"])
+    off = {Cell("euler", n): 40 / n for n in (5, 8, 10, 16, 20, 32, 50, 100)} | {"rk4": 0.4}
+    sweep = sweep_of(Opinionated(field, off), grid, demonstrated=field.demonstrated())
+    judgement = judge(sweep, grid.own, 0.3, "units")
     assert judgement.verdict == "inconclusive"
-    assert "midpoint 100 and rk4 50, differ by 1 units" in judgement.reasons[0]
+    assert judgement.limit is None
+    assert "midpoint 100 and rk4 50, differ by 0.4 units" in judgement.reasons[0]
     assert judgement.reasons[1:] == []
 
 

@@ -1,0 +1,146 @@
+"""``act-chunking steps`` as a user meets it."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+from lerobot.configs import FeatureType, PolicyFeature, PreTrainedConfig
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from lerobot.policies.act.configuration_act import ACTConfig
+from lerobot.policies.factory import get_policy_class, make_pre_post_processors
+
+import lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked  # noqa: F401  (registers)
+from lerobot_act_chunking.cli.main import main
+
+PASSED, REFUSED, UNDECIDED = 0, 1, 2
+S, A = 3, 2
+INPUTS = {"observation.state": PolicyFeature(FeatureType.STATE, (S,))}
+OUTPUTS = {"action": PolicyFeature(FeatureType.ACTION, (A,))}
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("data") / "waves"
+    features = {
+        "action": {"dtype": "float32", "shape": (A,), "names": ["reach", "gripper"]},
+        "observation.state": {"dtype": "float32", "shape": (S,), "names": None},
+    }
+    dataset = LeRobotDataset.create("me/waves", fps=20, features=features, root=folder)
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        for step in range(110):
+            action = np.array([np.sin(0.06 * step), step > 60], np.float32)
+            state = rng.normal(size=S).astype(np.float32)
+            dataset.add_frame({"action": action, "observation.state": state, "task": "wave"})
+        dataset.save_episode()
+    dataset.finalize()
+    return str(folder)
+
+
+@pytest.fixture(scope="module")
+def checkpoint(tmp_path_factory):
+    config = PreTrainedConfig.get_choice_class("diffusion_chunked")(
+        device="cpu",
+        push_to_hub=False,
+        horizon=4,
+        chunk_stride=2,
+        actions_per_token=1,
+        dim_model=8,
+        n_layers=1,
+        use_ema=False,
+        num_inference_steps=2,
+        input_features=dict(INPUTS),
+        output_features=dict(OUTPUTS),
+    )
+    torch.manual_seed(0)
+    policy = get_policy_class("diffusion_chunked")(config)
+    torch.nn.init.normal_(policy.model.denoiser.contract.weight, std=0.3)
+    stats = {
+        "observation.state": {"mean": torch.zeros(S), "std": torch.ones(S)},
+        "action": {"mean": torch.zeros(A), "std": torch.ones(A)},
+    }
+    folder = tmp_path_factory.mktemp("checkpoint")
+    for part in (policy, *make_pre_post_processors(config, dataset_stats=stats)):
+        part.save_pretrained(folder)
+    return str(folder)
+
+
+QUICK = ["--sampler", "euler", "--steps", "2,5", "--episodes", "3"]
+
+
+def test_the_lectures_question(checkpoint, dataset, tmp_path, capsys):
+    numbers, picture = tmp_path / "new" / "steps.json", tmp_path / "steps.png"
+    outputs = ["--json", str(numbers), "--out", str(picture)]
+    asked = ["steps", checkpoint, "--dataset", dataset, "--tolerance", "100", "--seed", "4", *QUICK]
+    assert main([*asked, *outputs]) == PASSED
+    content = json.loads(numbers.read_text(), parse_constant=pytest.fail)
+    assert content["tool"] == "steps"
+    assert content["verdict"] in ("pass", "warn")
+    assert content["unit"] == "raw units"
+    assert content["n_observations"] == 256
+    assert content["seed"] == 4
+    assert content["seen_in_training"] is False
+    assert [(cell["sampler"], cell["n_steps"]) for cell in content["cells"]] == [("euler", 2), ("euler", 5)]
+    assert all(cell["ms"] > 0 for cell in content["cells"])
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert "of the chunks against midpoint 100" in capsys.readouterr().out
+
+
+def test_few_observations_cannot_be_judged(checkpoint, dataset):
+    asked = ["--tolerance", "100", "--observations", "3", *QUICK]
+    assert main(["steps", checkpoint, "--dataset", dataset, *asked]) == UNDECIDED
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "so there is no distance in millimetres: say with --tolerance"),
+        (["--tolerance", "0"], "tolerance=0.0 must be a positive number"),
+        (["--steps", "2,few"], "steps='2,few' must be numbers with commas between them"),
+        (["--sampler", "ddim"], "unknown sampler of flow 'ddim'"),
+        (["--episodes", "0"], "episodes=0 must be at least 1"),
+        (["--success", "juggling"], "unknown task 'juggling'"),
+    ],
+)
+def test_refuses_what_cannot_work(checkpoint, dataset, arguments, message, capsys):
+    assert main(["steps", checkpoint, "--dataset", dataset, *arguments]) == REFUSED
+    assert message in " ".join(capsys.readouterr().err.split())
+
+
+def test_says_which_dataset_is_missing(checkpoint, capsys):
+    assert main(["steps", checkpoint]) == REFUSED
+    assert "give a LeRobotDataset's folder" in " ".join(capsys.readouterr().err.split())
+
+
+def test_other_policies_have_no_steps(tmp_path, capsys):
+    act = ACTConfig(
+        input_features=dict(INPUTS), output_features=dict(OUTPUTS), device="cpu", push_to_hub=False
+    )
+    act._save_pretrained(tmp_path)
+    assert main(["steps", str(tmp_path)]) == REFUSED
+    message = " ".join(capsys.readouterr().err.split())
+    assert "act has no denoising steps to sweep: give a diffusion_chunked checkpoint" in message
+    wrapper = {"type": "temporal_ensemble", "inner": {"type": "act"}}
+    (tmp_path / "config.json").write_text(json.dumps(wrapper))
+    assert main(["steps", str(tmp_path)]) == REFUSED
+    assert "takes no steps of its own: give the checkpoint it wraps" in capsys.readouterr().err
+
+
+def test_help_explains_the_exit_status(capsys):
+    assert main(["steps", "--help"]) == PASSED
+    printed = " ".join(capsys.readouterr().out.replace("│", "").split())
+    assert "Exit status: 0 the policy's steps are enough" in printed
+    assert "default: 0.5 mm" in printed
+
+
+def test_the_files_are_there_even_if_nobody_reads_the_output(checkpoint, dataset, tmp_path, monkeypatch):
+    def closed(*_, **__):
+        raise BrokenPipeError
+
+    monkeypatch.setattr("lerobot_act_chunking.diagnostics.steps.card.print_card", closed)
+    numbers = tmp_path / "steps.json"
+    asked = ["--tolerance", "1", "--observations", "3", *QUICK, "--json", str(numbers)]
+    with pytest.raises(BrokenPipeError):
+        main(["steps", checkpoint, "--dataset", dataset, *asked])
+    assert json.loads(numbers.read_text())["tool"] == "steps"
