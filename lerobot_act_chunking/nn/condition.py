@@ -27,9 +27,9 @@ class Condition:
 
 
 class NullFeatures(nn.Module):
-    """Learned stand-ins for inputs that guidance may leave out (classifier-free guidance, Ho and Salimans 2022).
+    """Learned stand-ins for inputs that guidance may leave out: vectors for vectors, one colour for an image.
 
-    A vector has a vector in its place, an image one colour.
+    Source: classifier-free guidance (Ho and Salimans 2022).
 
     Args:
         keys: inputs that may be left out.
@@ -45,7 +45,7 @@ class NullFeatures(nn.Module):
         shapes = {key: (n,) for key, n in vector_dims.items()} | dict.fromkeys(image_keys, (COLOURS, 1, 1))
         for key in keys:
             if key not in shapes:
-                raise ConfigurationError(f"null_features names {key!r}, but the inputs are: {', '.join(shapes)}")
+                raise ConfigurationError(f"null_features has {key!r}; the inputs are: {', '.join(shapes)}")
         self.keys = tuple(keys)
         self.values = nn.ParameterList(torch.zeros(shapes[key]) for key in keys)
 
@@ -63,7 +63,7 @@ class NullFeatures(nn.Module):
 
 
 class CameraKeypoints(nn.Module):
-    """Where in its image each camera sees what: a spatial softmax (Finn et al. 2016), as Diffusion Policy uses it.
+    """Where in its image each camera sees what: Diffusion Policy's spatial softmax (Finn et al. 2016).
 
     All cameras share the backbone; those of one shape go through it in one call, with all observed steps.
 
@@ -181,7 +181,7 @@ class ConditionTokens(nn.Module):
         images: Mapping[str, Float[Tensor, "B H 3 _ _"]],
         drop: Bool[Tensor, " B"] | None = None,
     ) -> Condition:
-        """Tokens step by step, vectors before cameras; inputs that may be left out are, where ``drop`` is true."""
+        """Tokens, step by step vectors before cameras; ``drop`` as in `ConditionVector`."""
         tokens = []
         if self.vectors is not None:
             tokens.append(self.vectors(_frames(self.null(vectors, drop))) + self.vectors.positions)

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.nn.condition import Condition
 from lerobot_act_chunking.nn.denoisers.denoiser import Context, Denoiser
+from lerobot_act_chunking.nn.denoisers.short_conv import ShortConv1d
 
 SIZES = {"S": (64, 128, 256), "M": (128, 256, 512), "L": (256, 512, 1024), "XL": (512, 1024, 2048)}
 """Channels by name; XL is LeRobot's."""
@@ -58,7 +59,7 @@ class Unet1d(Denoiser):
         self.down = nn.ModuleList(Level(block(a, b), block(b, b)) for a, b in pairs)
         self.middle = Level(block(down_dims[-1], down_dims[-1]), block(down_dims[-1], down_dims[-1]))
         self.up = nn.ModuleList(Level(block(2 * b, a), block(a, a)) for a, b in reversed(pairs[1:]))
-        self.downsample = nn.ModuleList(nn.Conv1d(b, b, 3, 2, 1) for b in down_dims[:-1])
+        self.downsample = nn.ModuleList(ShortConv1d(b, b, 3, 2, 1) for b in down_dims[:-1])
         self.upsample = nn.ModuleList(nn.ConvTranspose1d(a, a, 4, 2, 1) for a, _ in reversed(pairs[1:]))
         self.final = ConvBlock1d(down_dims[0], down_dims[0], kernel_size, 8)
         self.contract = nn.Conv1d(down_dims[0], action_dim, 1)
@@ -88,7 +89,11 @@ class Unet1d(Denoiser):
         """
         factor = 2 ** len(self.downsample)
         if x.shape[1] % factor:
-            raise ConfigurationError(f"a chunk of {x.shape[1]} actions must be a multiple of {factor} long")
+            below = x.shape[1] // factor * factor
+            raise ConfigurationError(
+                f"horizon={x.shape[1]} must be a multiple of {factor}, which this unet1d divides it by: "
+                f"{below} or {below + factor}"
+            )
         films = iter((modulation + context.modulation)[..., None].split(self._widths, dim=1))
         h, skipped = x.transpose(1, 2), []
         for i, level in enumerate(self.down):
@@ -119,7 +124,7 @@ class ConvBlock1d(nn.Sequential):
 
     def __init__(self, n_in: int, n_out: int, kernel_size: int, n_groups: int):
         super().__init__(
-            nn.Conv1d(n_in, n_out, kernel_size, padding=kernel_size // 2),
+            ShortConv1d(n_in, n_out, kernel_size, padding=kernel_size // 2),
             nn.GroupNorm(n_groups, n_out),
             nn.Mish(),
         )
