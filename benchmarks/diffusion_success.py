@@ -6,12 +6,14 @@
 Studies: `recipe` (three training seeds), `lerobot` (LeRobot's `diffusion` on the same data, for as long on
 the same core), `variants` (objectives and denoisers) and `steps` (sampler steps against success, jerk and
 milliseconds). Every policy is trained by lerobot-train on the recording of benchmarks/quickstart.py (made
-first if it is not there) and acts in the same 200 episodes. Every training and every evaluation is written
-down when it is done, so the studies can be stopped and gone on with, and may run side by side.
+first if it is not there) and acts in the same 200 episodes, in `steps` in the first 100 of them. Every
+training and every evaluation is written down when it is done, so the studies can be stopped and gone on
+with, and may run side by side.
 """
 
 import argparse
 import json
+import math
 import os
 import resource
 import shutil
@@ -34,6 +36,7 @@ from lerobot_act_chunking.errors import ActChunkingError
 
 TIMED_CHUNKS = 30
 READER = "ACT_CHUNKING_FAST_CHUNKS"
+SWEEP_EPISODES = 100
 
 
 @dataclass(frozen=True)
@@ -45,7 +48,7 @@ class Cell:
         train: of the whole training: steps, minutes on the clock, minutes of CPU, parameters.
         failed_seeds: None if the simulation diverged under the policy's commands.
         network_calls: per chunk.
-        chunk_ms: for one observation and one chunk, median.
+        chunk_ms: of CPU, from one observation to its chunk, median.
         threads: that PyTorch used.
         smoothness: of the arms' commands in successful episodes; empty if they are few.
     """
@@ -91,7 +94,6 @@ class Training:
         return [
             "lerobot-train",
             *(f"--policy.{name}={value}" for name, value in variant.policy.items()),
-            *("--policy.device=cpu", "--policy.push_to_hub=false"),
             *(f"--dataset.repo_id={data.repo_id}", f"--dataset.root={data.dataset}"),
             *(f"--output_dir={self.folder / 'train'}", f"--seed={self.seed}"),
             *(f"--steps={variant.steps}", f"--save_freq={max(1, variant.steps // 5)}"),
@@ -123,12 +125,12 @@ def _children_seconds() -> float:
 
 
 def _parameters(checkpoint: Path) -> int:
-    """Numbers that the trained network consists of, averages of weights not counted twice."""
+    """Numbers that the trained network consists of."""
     from safetensors import safe_open
 
     with safe_open(checkpoint / "pretrained_model" / "model.safetensors", "pt") as weights:
-        names = [name for name in weights.keys() if "ema" not in name]  # noqa: SIM118
-        return sum(weights.get_tensor(name).numel() for name in names)
+        names = [name for name in weights.keys() if not name.startswith("training_noise")]  # noqa: SIM118
+        return sum(math.prod(weights.get_slice(name).get_shape()) for name in names)
 
 
 def evaluate(training: Training, asked: Run, episodes: int) -> Cell:
@@ -168,7 +170,7 @@ def network_calls(config: Any) -> int:
 
 
 def chunk_ms(loaded: Any, env_config: Any) -> float:
-    """Median milliseconds from one observation to its chunk."""
+    """Median milliseconds of CPU from one observation to its chunk: whoever else computes does not count."""
     import gymnasium as gym
     import torch
     from lerobot.envs.utils import preprocess_observation
@@ -183,9 +185,9 @@ def chunk_ms(loaded: Any, env_config: Any) -> float:
         loaded.policy.reset()
         loaded.policy.select_action(dict(batch))  # fills LeRobot's history of observations
         for _ in range(TIMED_CHUNKS):
-            started = time.perf_counter()
+            started = time.process_time()
             loaded.policy.predict_action_chunk(dict(batch))
-            seconds.append(time.perf_counter() - started)
+            seconds.append(time.process_time() - started)
     return 1000 * statistics.median(seconds)
 
 
@@ -269,7 +271,8 @@ def main() -> None:
     console = Console(width=160)
     for name in args.studies:
         runs = [asked for task in args.tasks for asked in STUDIES[name](task)]
-        cells = study(runs, args.folder, args.recordings, args.episodes, console)
+        episodes = min(args.episodes, SWEEP_EPISODES) if name == "steps" else args.episodes
+        cells = study(runs, args.folder, args.recordings, episodes, console)
         table = Table(*HEADER, title=name)
         for cell in cells:
             table.add_row(*row(cell))
