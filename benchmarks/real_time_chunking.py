@@ -22,7 +22,7 @@ import argparse
 import json
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -33,6 +33,7 @@ from rich.progress import Progress
 
 from lerobot_act_chunking.diagnostics.success import SuccessRate
 from lerobot_act_chunking.envs.aloha.tasks import TASKS
+from lerobot_act_chunking.errors import ActChunkingError
 
 DELAYS = (0, 1, 2, 3, 4, 10)
 N_ACTION_STEPS, REPLAN_INTERVAL = 50, 25
@@ -44,6 +45,7 @@ METHODS: dict[str, dict[str, Any]] = {
     "prefix": {"warm_start": "prefix"},
 }
 TIMED_CHUNKS = 20
+STAND_IN = 10_000  # to the seed of an episode that takes the place of one whose simulation diverged
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,8 @@ class Cell:
         policy: which policy.
         method: one of `METHODS`.
         delay: of every chunk [control steps].
+        failed_seeds: of the episodes without success.
+        diverged_seeds: those among them in which the commands broke the simulation.
         boundary_ratio: median step into a new chunk over the median step elsewhere, arms; 1 is seamless.
         boundary_to_plan_ratio: the same over the step that the new chunk plans next.
         rms_jerk: of the arms' commands [standard deviations / s^3].
@@ -66,6 +70,7 @@ class Cell:
     delay: int
     episodes: int
     failed_seeds: list[int]
+    diverged_seeds: list[int] = field(default_factory=list)
     boundary_ratio: float | None = None
     boundary_to_plan_ratio: float | None = None
     rms_jerk: float | None = None
@@ -118,12 +123,8 @@ def evaluate(
     loaded: Any, task: str, policy: str, method: str, delay: int, episodes: int, progress: Any
 ) -> Cell:
     """Run the episodes of one cell and measure them."""
-    from lerobot_act_chunking.diagnostics.rollouts import environment_for, roll_out
-
     configure(loaded.policy, method, delay)
-    env_config = environment_for(loaded.policy.config, task=task, success="touch")
-    seeds = range(FIRST_SEED, FIRST_SEED + episodes)
-    rollouts = roll_out(loaded, env_config, seeds, n_envs=100, progress=progress)
+    rollouts, diverged = run_episodes(loaded, task, episodes, progress)
     succeeded = [rollout for rollout in rollouts if rollout.success]
     return Cell(
         task=task,
@@ -131,9 +132,36 @@ def evaluate(
         method=method,
         delay=delay,
         episodes=episodes,
-        failed_seeds=[rollout.seed for rollout in rollouts if not rollout.success],
+        failed_seeds=sorted(diverged | {rollout.seed for rollout in rollouts if not rollout.success}),
+        diverged_seeds=sorted(diverged),
         **(motion(succeeded, loaded, delay) if len(succeeded) >= FEWEST_SUCCESSES else {}),
     )
+
+
+def run_episodes(loaded: Any, task: str, episodes: int, progress: Any) -> tuple[list[Any], set[int]]:
+    """The episodes, and the seeds of those in which the simulation diverged.
+
+    All are run again with another episode in such a one's place, so that the others keep their noise.
+    """
+    from lerobot_act_chunking.diagnostics.rollouts import environment_for, roll_out
+
+    env_config = environment_for(loaded.policy.config, task=task, success="touch")
+    seeds = list(range(FIRST_SEED, FIRST_SEED + episodes))
+    under_way: list[int] = []
+    diverged: list[int] = []
+    while True:
+        in_place = [seed + STAND_IN * diverged.count(seed) for seed in seeds]
+        try:
+            rollouts = roll_out(
+                *(loaded, env_config, in_place),
+                n_envs=100,
+                on_step=lambda seed, *_: under_way.__setitem__(slice(None), [seed]),
+                progress=progress,
+            )
+        except ActChunkingError:
+            diverged.append(under_way[0] % STAND_IN)
+        else:
+            return [rollout for rollout in rollouts if rollout.seed in seeds], set(diverged)
 
 
 def motion(rollouts: list[Any], loaded: Any, delay: int) -> dict[str, float | None]:
