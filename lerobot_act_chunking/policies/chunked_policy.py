@@ -119,12 +119,16 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](PreTrainedPolic
 
         return self._action_queue.step(predict, observation.batch_size)
 
-    def _window_of(self, batch: Batch) -> Observation:
-        """The observations (B, H, ...) to predict from: the batch's own, or its step behind those before."""
+    def _window_of(self, batch: Batch, *, alone: bool = False) -> Observation:
+        """The observations (B, H, ...) to predict from.
+
+        They are the batch's own, if it has a time axis; else its step behind those before, or ``alone``.
+        """
         if has_time_axis(batch, self.feature_spec):
             return Observation.window_from_lerobot(batch, self.feature_spec, self.config.n_obs_steps)
-        self._window.push(Observation.from_lerobot(batch, self.feature_spec))
-        return self._window.stack()
+        window = ObservationWindow(self.config.n_obs_steps) if alone else self._window
+        window.push(Observation.from_lerobot(batch, self.feature_spec))
+        return window.stack()
 
     def reset(self, envs: Sequence[int] | Tensor | None = None) -> None:
         """Forget all observations and chunks: a new rollout begins, in all environments or in these alone."""

@@ -12,6 +12,8 @@ from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chu
     DiffusionChunkedConfig,
 )
 from lerobot_act_chunking.policies.diffusion_chunked.modeling_diffusion_chunked import DiffusionChunkedPolicy
+from lerobot_act_chunking.policies.diffusion_chunked.training_noise import Draws
+from lerobot_act_chunking.sampling.noise import NoiseSource
 
 B, H, T, A, S, E = 3, 2, 8, 4, 6, 7
 SETTINGS = {
@@ -70,7 +72,8 @@ def test_the_same_loss_and_gradients(prediction_type):
     loss.backward()
     torch.manual_seed(2)  # and the same draws in LeRobot's order
     noise, time = torch.randn(B, T, A), torch.randint(0, 100, (B,)).float()
-    error = ours._error(Observation.window_from_lerobot(batch, ours.feature_spec, H), actions, noise, time)
+    window_of_both = Observation.window_from_lerobot(batch, ours.feature_spec, H)
+    error = ours._error(window_of_both, actions, Draws(time, noise))
     error.mean().backward()
     assert error.mean().item() == pytest.approx(loss.item(), rel=1e-6)
     gradients = {name: p.grad for name, p in theirs.diffusion.unet.named_parameters()}
@@ -93,7 +96,7 @@ def test_the_same_ddim_chunk(prediction_type, clip_sample, seed):
 def test_the_same_actions_over_a_rollout(monkeypatch):
     theirs, ours = pair()
     noise = torch.randn(B, T, A, generator=torch.Generator().manual_seed(3))
-    monkeypatch.setattr(ours, "_noise_for", lambda *_: noise)
+    monkeypatch.setattr(NoiseSource, "draw", lambda *_, **__: noise)
     for observation in observations(12):
         expected = theirs.select_action(dict(observation), noise=noise)
         torch.testing.assert_close(ours.select_action(observation), expected, rtol=0, atol=1e-5)

@@ -72,8 +72,9 @@ class DiffusionChunkedConfig(ChunkedConfig):
             guides towards it (real-time chunking, Black et al. 2025); ``prefix`` conditions on the actions
             that are executed meanwhile (Black et al. 2025b), which needs training with ``prefix_steps``.
         prefix_steps: train with up to so many given first actions [control steps].
-        rtc_vjp: the ``exact`` vector-Jacobian product of the paper, or LeRobot's ``identity`` in its place,
-            which needs no backward pass.
+        rtc_vjp: ``identity`` in place of the network's Jacobian, as LeRobot computes it, holds on to the plan
+            whatever the network says; the paper's ``exact`` product moves only what the network is unsure of,
+            and takes a backward pass.
         prefix_attention_schedule: how guidance fades over the plan, from the actions executed meanwhile on.
         max_guidance_weight: its largest weight.
         sdedit_strength: fraction of the noise that the plan gets.
@@ -130,7 +131,7 @@ class DiffusionChunkedConfig(ChunkedConfig):
 
     warm_start: WarmStart = "none"
     prefix_steps: int = 0
-    rtc_vjp: Literal["exact", "identity"] = "exact"
+    rtc_vjp: Literal["exact", "identity"] = "identity"
     prefix_attention_schedule: Literal["linear", "exp", "ones", "zeros"] = "exp"
     max_guidance_weight: float = 5.0
     sdedit_strength: float = 0.5

@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Float
+from lerobot.configs import RTCAttentionSchedule
 from torch import Tensor
 
 from lerobot_act_chunking.data.batch import Observation
@@ -13,18 +14,31 @@ from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chu
 )
 from lerobot_act_chunking.policies.diffusion_chunked.network import DiffusionNetwork
 from lerobot_act_chunking.policies.diffusion_chunked.plan import Plan
-from lerobot_act_chunking.sampling.continuation import continued, held, prefix_weights
+from lerobot_act_chunking.sampling.continuation import (
+    Jacobian,
+    PrefixSchedule,
+    continued,
+    held,
+    prefix_weights,
+)
 from lerobot_act_chunking.sampling.guidance import classifier_free
 from lerobot_act_chunking.sampling.process import Process
 from lerobot_act_chunking.sampling.samplers import Denoise, Sampler
+
+_SCHEDULES: dict[RTCAttentionSchedule, PrefixSchedule] = {
+    RTCAttentionSchedule.LINEAR: "linear",
+    RTCAttentionSchedule.EXP: "exp",
+    RTCAttentionSchedule.ONES: "ones",
+    RTCAttentionSchedule.ZEROS: "zeros",
+}
 
 
 @dataclass(frozen=True)
 class Guidance:
     """How a plan guides (real-time chunking); see `DiffusionChunkedConfig` for the fields."""
 
-    vjp: str
-    schedule: str
+    vjp: Jacobian
+    schedule: PrefixSchedule
     max_weight: float
 
     @classmethod
@@ -33,7 +47,7 @@ class Guidance:
         rtc = config.rtc_config
         if rtc is None:
             return cls(config.rtc_vjp, config.prefix_attention_schedule, config.max_guidance_weight)
-        return cls(config.rtc_vjp, rtc.prefix_attention_schedule.value.lower(), rtc.max_guidance_weight)
+        return cls(config.rtc_vjp, _SCHEDULES[rtc.prefix_attention_schedule], rtc.max_guidance_weight)
 
 
 @dataclass(frozen=True)
@@ -77,31 +91,61 @@ class Denoising:
             denoise = self._guided(denoise, sampler.times, *towards)
         return sampler(denoise, noise, generators)
 
+    def edit(
+        self,
+        window: Observation,
+        samplers: tuple[Sampler, Sampler],
+        noise: Float[Tensor, "B T A"],
+        generators: list[torch.Generator],
+        plan: Plan,
+    ) -> Float[Tensor, "B T A"]:
+        """Noise the plan in part and denoise it again (SDEdit); from pure noise where there is no plan.
+
+        Args:
+            window: observations (b, H, ...); B is a multiple of b, sample by sample.
+            samplers: one that starts late, from partly noised actions, and one that starts from noise.
+            noise: for every row.
+            generators: one per row.
+            plan: to be edited.
+        """
+        late, _ = samplers
+        planned = plan.covered[:, 0]
+        partly_noised = self.process.noised(plan.actions, noise, late.times[0].to(noise))
+        start = torch.where(planned[:, None, None], partly_noised, noise)
+        chunks = torch.empty_like(noise)
+        for sampler, rows in zip(samplers, (planned, ~planned), strict=True):
+            these = rows.nonzero()[:, 0].cpu()
+            if len(these):
+                chosen = window.select(these % window.batch_size)
+                own = [generators[i] for i in these]
+                chunks[these] = self.sample(chosen, sampler, start[these], own)
+        return chunks
+
     def _network_denoise(
         self, window: Observation, times: Tensor, n_rows: int, prefix: Plan | None
     ) -> Denoise:
         doubled = self.guidance_scale != 1
         context = self._context(window, n_rows, doubled)
-        denoiser, process = self.network.denoiser, self.process
+        denoiser = self.network.denoiser
         times = times.to(context.modulation)
-        table = denoiser.modulate(times)
-        given = None if prefix is None else _doubled(prefix.frozen, doubled)
-        if given is not None:
-            given = given.unflatten(1, (-1, denoiser.patch_size)).all(-1)  # tokens
-        clean_row = None if prefix is None else denoiser.modulate(times.new_full((1,), process.clean_time))
-        of_x, of_output = (weights.tolist() for weights in process.clean_weights(times))
+        table = denoiser.modulate(times)  # what depends on the time, for all evaluations at once
+        of_x, of_output = (weights.tolist() for weights in self.process.clean_weights(times))
 
-        def denoise(x: Tensor, i: int) -> Tensor:
-            modulation = table[i : i + 1]
-            if given is not None:
-                modulation = torch.where(given[..., None], clean_row[:, None], modulation[:, None])
-            output = denoiser(x, modulation, context)
+        def denoise(x: Tensor, i: int, modulation: Tensor | None = None) -> Tensor:
+            output = denoiser(x, table[i : i + 1] if modulation is None else modulation, context)
             return of_x[i] * x + of_output[i] * output
 
-        if prefix is None or given is None:
+        if prefix is None:
             return denoise
-        frozen = given.repeat_interleave(denoiser.patch_size, dim=1)
-        return held(denoise, _doubled(prefix.actions, doubled), frozen)
+        given, actions = prefix.frozen.unflatten(1, (-1, denoiser.patch_size)).all(-1), prefix.actions
+        if doubled:
+            given, actions = torch.cat([given, given]), torch.cat([actions, actions])
+        clean = denoiser.modulate(times.new_tensor([self.process.clean_time]))[:, None]
+
+        def per_token(x: Tensor, i: int) -> Tensor:
+            return denoise(x, i, torch.where(given[..., None], clean, table[i : i + 1, None]))
+
+        return held(per_token, actions, given.repeat_interleave(denoiser.patch_size, dim=1))
 
     def _context(self, window: Observation, n_rows: int, doubled: bool) -> Context:
         condition, denoiser = self.network.condition, self.network.denoiser
@@ -123,7 +167,3 @@ class Denoising:
         return continued(
             denoise, alphas, sigmas, plan.actions, weights, vjp=guidance.vjp, max_weight=guidance.max_weight
         )
-
-
-def _doubled[TensorT: Bool[Tensor, "..."] | Float[Tensor, "..."]](rows: TensorT, doubled: bool) -> TensorT:
-    return torch.cat([rows, rows]) if doubled else rows

@@ -1,7 +1,8 @@
 """The plan in execution, as a new chunk sees it."""
 
 import math
-from dataclasses import dataclass
+import warnings
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Bool, Float
@@ -56,6 +57,17 @@ class Plan:
         """The predictions that are executed from the plan in any case."""
         steps = torch.arange(self.covered.shape[1], device=self.covered.device)
         return self.covered & (steps < self.n_frozen)
+
+    def whole_tokens(self, actions_per_token: int, longest: int) -> "Plan":
+        """With frozen actions that fill whole tokens, at most ``longest``, as training has shown."""
+        n_tokens = math.ceil(self.n_frozen / actions_per_token)
+        if n_tokens > longest:
+            warnings.warn(
+                f"the chunk is late for {n_tokens} tokens of {actions_per_token} actions, but training "
+                f"(prefix_steps) has given it at most {longest}: it is conditioned on no more",
+                stacklevel=2,
+            )
+        return replace(self, n_frozen=min(n_tokens, longest) * actions_per_token)
 
     def repeat(self, n_samples: int) -> "Plan":
         """The same plan for every one of ``n_samples`` samples of each environment, sample by sample."""
