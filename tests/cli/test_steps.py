@@ -38,8 +38,7 @@ def dataset(tmp_path_factory):
     return str(folder)
 
 
-@pytest.fixture(scope="module")
-def checkpoint(tmp_path_factory):
+def save_checkpoint(folder, **settings):
     config = PreTrainedConfig.get_choice_class("diffusion_chunked")(
         device="cpu",
         push_to_hub=False,
@@ -49,21 +48,24 @@ def checkpoint(tmp_path_factory):
         dim_model=8,
         n_layers=1,
         use_ema=False,
-        num_inference_steps=2,
         input_features=dict(INPUTS),
         output_features=dict(OUTPUTS),
+        **settings,
     )
     torch.manual_seed(0)
     policy = get_policy_class("diffusion_chunked")(config)
     torch.nn.init.normal_(policy.model.denoiser.contract.weight, std=0.3)
-    stats = {
-        "observation.state": {"mean": torch.zeros(S), "std": torch.ones(S)},
-        "action": {"mean": torch.zeros(A), "std": torch.ones(A)},
-    }
-    folder = tmp_path_factory.mktemp("checkpoint")
+    state = {"mean": torch.zeros(S), "std": torch.ones(S), "min": -torch.ones(S), "max": torch.ones(S)}
+    action = {"mean": torch.zeros(A), "std": torch.ones(A), "min": -torch.ones(A), "max": torch.ones(A)}
+    stats = {"observation.state": state, "action": action}
     for part in (policy, *make_pre_post_processors(config, dataset_stats=stats)):
         part.save_pretrained(folder)
     return str(folder)
+
+
+@pytest.fixture(scope="module")
+def checkpoint(tmp_path_factory):
+    return save_checkpoint(tmp_path_factory.mktemp("checkpoint"), num_inference_steps=2)
 
 
 QUICK = ["--sampler", "euler", "--steps", "2,5", "--episodes", "3"]
@@ -90,6 +92,28 @@ def test_the_lectures_question(checkpoint, dataset, tmp_path, capsys):
 def test_few_observations_cannot_be_judged(checkpoint, dataset):
     asked = ["--tolerance", "100", "--observations", "3", *QUICK]
     assert main(["steps", checkpoint, "--dataset", dataset, *asked]) == UNDECIDED
+
+
+@pytest.mark.parametrize("clip_mode", ["consistent", "lerobot"])
+def test_ddpm_is_swept_with_ddim_in_its_place(dataset, clip_mode, tmp_path, capsys):
+    policy = save_checkpoint(
+        tmp_path / "policy", objective="ddpm", sampler="ddpm", num_inference_steps=4, clip_mode=clip_mode
+    )
+    numbers = tmp_path / "steps.json"
+    asked = ["--tolerance", "100", "--observations", "2", "--steps", "1,4", "--json", str(numbers)]
+    assert main(["steps", policy, "--dataset", dataset, *asked]) == UNDECIDED
+    content = json.loads(numbers.read_text())
+    assert content["own"] == {"sampler": "ddim", "n_steps": 4, "spacing": "leading"}
+    cells = [(cell["sampler"], cell["spacing"], cell["n_steps"]) for cell in content["cells"]]
+    assert cells == [
+        ("ddim", "leading", 4),
+        ("ddim", "linspace", 4),
+        ("ddim", "trailing", 1),
+        ("ddim", "trailing", 4),
+        ("dpm++", None, 1),
+        ("dpm++", None, 4),
+    ]
+    assert "the policy samples with ddpm" in " ".join(capsys.readouterr().out.split()).lower()
 
 
 @pytest.mark.parametrize(

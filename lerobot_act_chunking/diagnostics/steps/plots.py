@@ -48,7 +48,9 @@ def _draw_error(ax: Any, report: StepsReport, errors: Callable[[CellResult], Qua
     ax.axhline(report.tolerance, label="tolerance", **_TOLERANCE)
     floor = report.sweep.reference.disagreement
     if floor is not None and floor["p95"] > 0:
-        ax.axhline(floor["p95"], color="0.7", linewidth=2, label=f"{report.sweep.reference.second}")
+        ax.axhline(
+            floor["p95"], color="0.7", linewidth=2, label=f"second reference, {report.sweep.reference.second}"
+        )
     _draw(ax, report, p95, label)
     _mark_own(ax, report, p95)
 
@@ -68,8 +70,8 @@ def _draw_distribution(ax: Any, report: StepsReport) -> None:
         _draw(ax, report, lambda result: result.energy, label)
     else:
         _draw(ax, report, lambda result: result.rarest_mode, "mass of the rarest mode", log=False)
-        _mark_reference(ax, report, rarest)
         ax.set_ylim(bottom=0)
+        _mark_reference(ax, report, rarest)
 
 
 def _draw_spread(ax: Any, report: StepsReport) -> None:
@@ -77,10 +79,10 @@ def _draw_spread(ax: Any, report: StepsReport) -> None:
     label = f"spread over noises near contact [{report.unit}]"
     _draw(ax, report, lambda result: result.spread, label, log=False)
     ax.axhline(report.tolerance, **_TOLERANCE)
+    ax.set_ylim(bottom=0)
     reference = report.sweep.reference.spread
     if reference is not None:
         _mark_reference(ax, report, reference["p50"])
-    ax.set_ylim(bottom=0)
 
 
 def _mark_own(ax: Any, report: StepsReport, value: Value) -> None:
@@ -92,6 +94,9 @@ def _mark_own(ax: Any, report: StepsReport, value: Value) -> None:
 
 def _mark_reference(ax: Any, report: StepsReport, y: float) -> None:
     ax.axhline(y, color="0.6", linewidth=0.8)
+    low, high = ax.get_ylim()
+    if y - low < 0.03 * (high - low):
+        return  # no room for a name at the edge
     at = {"textcoords": "offset points", "xycoords": ("axes fraction", "data"), "ha": "right"}
     ax.annotate(str(report.sweep.reference.cell), (1, y), (-4, 3), fontsize=8, color="0.4", **at)
 
