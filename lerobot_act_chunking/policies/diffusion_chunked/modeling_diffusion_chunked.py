@@ -97,6 +97,7 @@ class DiffusionChunkedPolicy(ChunkedPolicy[DiffusionChunkedConfig, DiffusionNetw
         inference_delay: int | None = None,
         prev_chunk_left_over: Float[Tensor, "*B P A"] | None = None,
         execution_horizon: int | None = None,
+        envs: Environments = None,
         **_: Any,
     ) -> Tensor:
         """The whole chunk of normalised actions (B, T, A) from the current step on, one per control step.
@@ -113,13 +114,14 @@ class DiffusionChunkedPolicy(ChunkedPolicy[DiffusionChunkedConfig, DiffusionNetw
                 on; zeros behind its end do not count. The new chunk continues it: as trained with
                 ``warm_start=prefix``, else by guidance.
             execution_horizon: control steps of the left-over to continue; all by default.
+            envs: the environments that the rows of the batch are, if not 0, 1, ...: whose noise they get.
         """
         self.eval()
         alone = inference_delay is not None  # the engine shows observations from time to time, not every step
         window = self._window_of(batch, alone=alone)
         plan = self._left_over(prev_chunk_left_over, inference_delay or 0, execution_horizon)
         start = "prefix" if self.config.warm_start == "prefix" else "rtc"
-        keyframes = self._sample(window, None, 1, noise=noise, plan=plan, start=start)[0]
+        keyframes = self._sample(window, envs, 1, noise=noise, plan=plan, start=start)[0]
         return self._control_steps(keyframes, self.config.timing.control_steps)
 
     @torch.no_grad()

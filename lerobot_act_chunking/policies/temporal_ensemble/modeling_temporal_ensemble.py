@@ -14,6 +14,7 @@ from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.executor import ChunkExecutor
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.hub.card import extend_card
+from lerobot_act_chunking.policies.chunked_policy import ChunkedPolicy
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
     TemporalEnsembleConfig,
 )
@@ -121,6 +122,8 @@ class TemporalEnsemblePolicy(PreTrainedPolicy):
     def _predict(self, batch: Batch, envs: Environments, n_samples: int = 1, **kwargs: Any) -> Tensor:
         if self.training:
             self.eval()
+        if envs is not None and isinstance(self.inner, ChunkedPolicy):
+            kwargs["envs"] = envs.repeat(n_samples)
         return self.inner.predict_action_chunk(
             self._observations.for_prediction(batch, envs, n_samples), **kwargs
         )
@@ -135,6 +138,8 @@ class TemporalEnsemblePolicy(PreTrainedPolicy):
         else:
             self._observations.reset(torch.as_tensor(envs, dtype=torch.int64))
             self._action_queue.reset(envs)
+            if isinstance(self.inner, ChunkedPolicy):
+                self.inner.reset(envs)
 
     @property
     def _takes_rtc_arguments(self) -> bool:
@@ -148,9 +153,9 @@ class TemporalEnsemblePolicy(PreTrainedPolicy):
 
     def init_rtc_processor(self) -> None:
         """Hand the settings of real-time chunking, which LeRobot left in our configuration, to the inner."""
+        vars(self.inner.config)["rtc_config"] = getattr(self.config, "rtc_config", None)
         initialise = getattr(self.inner, "init_rtc_processor", None)
         if initialise is not None:
-            vars(self.inner.config)["rtc_config"] = self.config.rtc_config
             initialise()
 
     def update(self) -> None:

@@ -237,7 +237,7 @@ def test_a_chunk_shorter_than_its_settings_say_is_refused():
 
 def test_only_samplers_and_policies_that_know_how_do_real_time_chunking(case):
     policy = case.wrapped()
-    assert not policy.supports_rtc()
+    assert policy.supports_rtc() == (case.type == "diffusion_chunked")
     policy.init_rtc_processor()
     chunk = policy.predict_action_chunk(case.batch(), inference_delay=2, prev_chunk_left_over=None)
     assert chunk.shape == (B, case.chunk_size, A)

@@ -8,7 +8,8 @@ from lerobot.configs import FeatureType, PolicyFeature, PreTrainedConfig
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from torch import Tensor
 
-import lerobot_act_chunking.policies.act_chunked.configuration_act_chunked  # noqa: F401  (registers the type)
+import lerobot_act_chunking.policies.act_chunked.configuration_act_chunked
+import lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked  # noqa: F401  (register)
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
     TemporalEnsembleConfig,
 )
@@ -151,6 +152,22 @@ DIFFUSION_CAMERA = Case(
     chunk_size=7,
     executes=3,
 )
+FLOW = Case(
+    "diffusion_chunked",
+    STATE | ENVIRONMENT,
+    {
+        "n_obs_steps": 2,
+        "horizon": 4,
+        "chunk_stride": 3,
+        "n_action_steps": 5,
+        "execution": "open_loop",
+        "prediction_type": "velocity",
+        "dim_model": 16,
+        "n_layers": 1,
+    },
+    chunk_size=10,
+    executes=5,
+)
 VQBET = Case(
     "vqbet",
     STATE | CAMERA,
@@ -176,4 +193,11 @@ VQBET = Case(
     chunk_size=5,
     executes=5,
 )
-CASES = {"act": ACT, "ours": OURS, "diffusion": DIFFUSION, "camera": DIFFUSION_CAMERA, "vqbet": VQBET}
+CASES = {
+    "act": ACT,
+    "ours": OURS,
+    "flow": FLOW,
+    "diffusion": DIFFUSION,
+    "camera": DIFFUSION_CAMERA,
+    "vqbet": VQBET,
+}
