@@ -54,7 +54,7 @@ def draw_steps(cells: list[Cell], path: Path) -> None:
     styles = dict(zip(GROUPS, ("--", "-", ":"), strict=True))
     for (group, sampler), line in curves(cells).items():
         style = {"color": COLORS[sampler], "linestyle": styles[group], "label": f"{sampler}, {group}"}
-        rates = [(cell.network_calls, cell.rate) for cell in line if cell.rate]
+        rates = [(cell.network_calls, cell.rate) for cell in line]
         draw_rate(success, rates, **style)
         draw(jerk, line, lambda cell: cell.smoothness.get("rms_jerk"), **style)
         if group != "flow, half trained":

@@ -19,11 +19,11 @@ import resource
 import shutil
 import statistics
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from diffusion_variants import RECIPE, STUDIES, VARIANTS, Run, Variant
 from execution_study import FEWEST_SUCCESSES, FIRST_SEED, smoothness
@@ -34,7 +34,10 @@ from lerobot_act_chunking.cli.quickstart import Story, run
 from lerobot_act_chunking.diagnostics.success import SuccessRate
 from lerobot_act_chunking.errors import ActChunkingError
 
-TIMED_CHUNKS = 30
+if TYPE_CHECKING:
+    from lerobot_act_chunking.diagnostics.rollouts import Rollout
+
+TIMED_CHUNKS, N_ENVS = 30, 50
 READER = "ACT_CHUNKING_FAST_CHUNKS"
 SWEEP_EPISODES = 100
 
@@ -46,7 +49,7 @@ class Cell:
     Attributes:
         run: what was evaluated: task, variant, training seed, checkpoint and sampling.
         train: of the whole training: steps, minutes on the clock, minutes of CPU, parameters.
-        failed_seeds: None if the simulation diverged under the policy's commands.
+        failed_seeds: also those in which the simulation diverged under the policy's commands.
         network_calls: per chunk.
         chunk_ms: of CPU, from one observation to its chunk, median.
         threads: that PyTorch used.
@@ -56,17 +59,15 @@ class Cell:
     run: dict[str, Any]
     train: dict[str, Any]
     episodes: int
-    failed_seeds: list[int] | None
+    failed_seeds: list[int]
     network_calls: int
     chunk_ms: float
     threads: int
     smoothness: dict[str, float | None] = field(default_factory=dict)
 
     @property
-    def rate(self) -> SuccessRate | None:
+    def rate(self) -> SuccessRate:
         """The success rate."""
-        if self.failed_seeds is None:
-            return None
         return SuccessRate(self.episodes - len(self.failed_seeds), self.episodes)
 
 
@@ -137,7 +138,7 @@ def evaluate(training: Training, asked: Run, episodes: int) -> Cell:
     """One cell."""
     import torch
 
-    from lerobot_act_chunking.diagnostics.rollouts import environment_for, roll_out
+    from lerobot_act_chunking.diagnostics.rollouts import environment_for
     from lerobot_act_chunking.policies.loading import load_policy
 
     loaded = load_policy(training.checkpoints / asked.checkpoint / "pretrained_model")
@@ -146,21 +147,29 @@ def evaluate(training: Training, asked: Run, episodes: int) -> Cell:
     env_config = environment_for(loaded.policy.config, task=asked.task, success="touch")
     milliseconds = chunk_ms(loaded, env_config)
     seeds = range(FIRST_SEED, FIRST_SEED + episodes)
-    try:
-        rollouts = roll_out(loaded, env_config, seeds, n_envs=min(50, episodes))
-    except ActChunkingError:  # the simulation diverged
-        rollouts = None
-    succeeded = [rollout for rollout in rollouts or () if rollout.success]
+    groups = [seeds[first : first + N_ENVS] for first in range(0, episodes, N_ENVS)]
+    succeeded = [each for group in groups for each in act(loaded, env_config, group) if each.success]
     return Cell(
         run=asdict(asked),
         train=training.facts,
         episodes=episodes,
-        failed_seeds=None if rollouts is None else [each.seed for each in rollouts if not each.success],
+        failed_seeds=sorted({*seeds} - {each.seed for each in succeeded}),
         network_calls=network_calls(loaded.policy.config),
         chunk_ms=milliseconds,
         threads=torch.get_num_threads(),
         smoothness=smoothness(succeeded, loaded) if len(succeeded) >= FEWEST_SUCCESSES else {},
     )
+
+
+def act(loaded: Any, env_config: Any, seeds: Sequence[int]) -> "list[Rollout]":
+    """The episodes; without those in which the policy's commands make the simulation diverge."""
+    from lerobot_act_chunking.diagnostics.rollouts import roll_out
+
+    try:
+        return roll_out(loaded, env_config, seeds, n_envs=len(seeds))
+    except ActChunkingError:
+        half = len(seeds) // 2
+        return act(loaded, env_config, seeds[:half]) + act(loaded, env_config, seeds[half:]) if half else []
 
 
 def network_calls(config: Any) -> int:
@@ -242,7 +251,7 @@ HEADER = ("task", "policy", "training", "sampling", "calls", "success %", "95 % 
 def row(cell: Cell) -> list[str]:
     """A cell in a table."""
     asked, rate, jerk = Run(**cell.run), cell.rate, cell.smoothness.get("rms_jerk")
-    low, high = rate.interval if rate else (0.0, 1.0)
+    low, high = rate.interval
     trained = f"seed {asked.seed}, {cell.train['steps']} steps, {cell.train['cpu_minutes']:.1f} CPU min"
     return [
         asked.task,
@@ -250,8 +259,8 @@ def row(cell: Cell) -> list[str]:
         trained + (f", at {asked.checkpoint}" if asked.checkpoint != "last" else ""),
         " ".join(str(value) for value in asked.sampling.values()) or "as trained",
         str(cell.network_calls),
-        f"{100 * rate.rate:.1f}" if rate else "diverged",
-        f"{100 * low:.1f}-{100 * high:.1f}" if rate else "-",
+        f"{100 * rate.rate:.1f}",
+        f"{100 * low:.1f}-{100 * high:.1f}",
         f"{jerk:.3g}" if jerk else "-",
         f"{cell.chunk_ms:.1f}",
     ]
