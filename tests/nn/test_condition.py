@@ -144,6 +144,8 @@ def test_inputs_left_out_do_not_matter(kind, key, vectors, images):
 @pytest.mark.parametrize("kind", ["vector", "tokens"])
 def test_stand_ins_are_learned_and_inputs_are_not_changed(kind, vectors, images):
     encoder = make(kind, ("goal", "wrist"))
+    # Keypoints of one colour only move at the borders, which every real backbone pads.
+    encoder.cameras.backbone = nn.Sequential(nn.AvgPool2d(16), nn.Conv2d(3, 3, 3, padding=1))
     before = {key: value.clone() for key, value in vectors.items()}
     values(encoder(vectors, images, DROP)).square().sum().backward()
     for name, parameter in encoder.named_parameters():

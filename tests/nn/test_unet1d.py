@@ -49,8 +49,8 @@ def test_convolutions_as_products(kernel_size, stride, monkeypatch):
 
 
 def test_products_only_for_many_weights_and_few_positions(monkeypatch):
-    windows = []
-    monkeypatch.setattr(short_conv.F, "pad", lambda *args: windows.append(1) or nn.functional.pad(*args))
+    windows, pad = [], nn.functional.pad
+    monkeypatch.setattr(short_conv.F, "pad", lambda *args: windows.append(1) or pad(*args))
     wide, narrow = ShortConv1d(1024, 256, 5, padding=2), ShortConv1d(256, 256, 5, padding=2)
     with torch.no_grad():
         wide(draw(1, 1024, 65)), narrow(draw(1, 256, 16))
@@ -60,7 +60,7 @@ def test_products_only_for_many_weights_and_few_positions(monkeypatch):
 
 
 def test_jacobian_products_as_real_time_chunking_takes_them():
-    denoiser, context = shaken(unet1d()), None
+    denoiser = shaken(unet1d())
     context = denoiser.observe(condition())
     table, cotangent = denoiser.modulate(torch.tensor([0.3])), draw(B, 12, A, seed=8)
     x = draw(B, 12, A).requires_grad_()
