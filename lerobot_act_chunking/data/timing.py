@@ -70,15 +70,19 @@ class ChunkTiming:
         """Actions that the network predicts."""
         return self.past_steps + self.chunk_size
 
-    def check_episode_length(self, longest_episode: int) -> None:
+    def check_episode_length(self, longest_episode: int, name: str = "chunk_size") -> None:
         """Refuse a dataset in which no episode is as long as one chunk.
+
+        Args:
+            longest_episode: its length [control steps].
+            name: what the policy calls the number of its predictions.
 
         Raises:
             ConfigurationError: the end of every chunk would be padding, never data.
         """
         if self.control_steps > longest_episode:
-            fitting = (longest_episode - 1) // self.chunk_stride + 1
+            fitting = (longest_episode - 1) // self.chunk_stride + 1 + self.past_steps
             raise ConfigurationError(
-                f"chunk_size={self.chunk_size} is longer than the dataset's longest episode "
-                f"({longest_episode} steps); set --policy.chunk_size to {fitting} or less"
+                f"{name}={self.horizon} is longer than the dataset's longest episode "
+                f"({longest_episode} steps); set --policy.{name} to {fitting} or less"
             )

@@ -69,6 +69,11 @@ class ChunkedConfig(ExecutionFields, PreTrainedConfig):
     lr_warmup_steps: int = PRESET
 
     @property
+    def length_name(self) -> str:
+        """The field that says how many actions are predicted."""
+        return "chunk_size"
+
+    @property
     def timing(self) -> ChunkTiming:
         """Which steps are observed and predicted."""
         raise NotImplementedError

@@ -60,7 +60,7 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](PreTrainedPolic
         super().__init__(config)
         config.validate_features()
         if dataset_meta is not None and dataset_meta.episodes is not None:
-            config.timing.check_episode_length(max(dataset_meta.episodes["length"]))
+            config.timing.check_episode_length(max(dataset_meta.episodes["length"]), config.length_name)
         if dataset_stats is not None:
             check_finite(config, dataset_stats)
         self.config = config

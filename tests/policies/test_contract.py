@@ -8,6 +8,7 @@ import torch
 from lerobot.configs import PreTrainedConfig
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from policy_cases import CASES, WRAPPED, A, B, T
+from torch.nn.parallel import DistributedDataParallel
 
 from lerobot_act_chunking.errors import FeatureError
 
@@ -170,6 +171,31 @@ def test_acting_neither_reads_nor_moves_the_random_generator(case):
         chunks.append(policy.predict_action_chunk(batch))
         assert torch.equal(torch.get_rng_state(), before)
     assert torch.equal(*chunks)
+
+
+@pytest.fixture
+def process_group(tmp_path):
+    torch.distributed.init_process_group("gloo", f"file://{tmp_path}/store", world_size=1, rank=0)
+    yield
+    torch.distributed.destroy_process_group()
+
+
+def test_it_trains_in_a_distributed_group_as_alone(case, process_group):
+    losses = {}
+    for name, wrap in (("alone", lambda policy: policy), ("distributed", DistributedDataParallel)):
+        policy = case.policy().train()
+        model = wrap(policy)
+        optimizer = torch.optim.SGD(policy.get_optim_params(), lr=1e-2)
+        torch.manual_seed(3)
+        losses[name] = []
+        for _ in range(2):  # a parameter without gradient stops the second one
+            loss, _ = model(case.batch())
+            loss.backward()
+            optimizer.step()
+            optimizer.zero_grad()
+            policy.update()
+            losses[name].append(loss.item())
+    assert losses["distributed"] == losses["alone"]
 
 
 def test_a_missing_observation_is_named(case):

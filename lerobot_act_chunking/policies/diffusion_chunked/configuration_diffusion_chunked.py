@@ -166,6 +166,11 @@ class DiffusionChunkedConfig(ChunkedConfig):
             self.execution = "open_loop"
 
     @property
+    def length_name(self) -> str:
+        """The field that says how many actions are predicted."""
+        return "horizon"
+
+    @property
     def timing(self) -> ChunkTiming:
         """Which steps are observed and predicted."""
         past = self.n_obs_steps - 1 if self.align == "first_obs" else 0

@@ -1,4 +1,4 @@
-"""LeRobot's own training command with `act_chunked`: it runs, and a resumed run is the undisturbed one."""
+"""LeRobot's own training command: it runs, and a resumed run is the undisturbed one."""
 
 import sys
 
@@ -13,9 +13,11 @@ from lerobot_act_chunking.errors import ConfigurationError, DatasetError
 pytestmark = pytest.mark.slow
 
 # Without dropout: LeRobot's new data loader draws from the random generator that resuming has just restored.
-SMALL = (
-    "--policy.dim_model=16 --policy.n_heads=2 --policy.chunk_size=5 --policy.use_ema=true --policy.dropout=0"
-)
+SMALL = {
+    "act_chunked": "--policy.dim_model=16 --policy.n_heads=2 --policy.chunk_size=5 --policy.use_ema=true "
+    "--policy.dropout=0",
+    "diffusion_chunked": "--policy.dim_model=16 --policy.n_layers=1 --policy.horizon=5",
+}
 
 
 def record(root, spoiled=None):
@@ -49,18 +51,19 @@ def train(monkeypatch):
     return run
 
 
-def fresh(dataset, output, *arguments):
+def fresh(dataset, output, *arguments, policy_type="act_chunked"):
     run = f"--dataset.root={dataset} --output_dir={output} --dataset.repo_id=test/toy --batch_size=3"
     quiet = "--policy.device=cpu --policy.push_to_hub=false --num_workers=0 --log_freq=1 --save_freq=2"
-    return [*f"--policy.type=act_chunked {run} {quiet} {SMALL}".split(), *arguments]
+    return [*f"--policy.type={policy_type} {run} {quiet} {SMALL[policy_type]}".split(), *arguments]
 
 
 def weights(run, step):
     return load_file(run / "checkpoints" / step / "pretrained_model" / "model.safetensors")
 
 
-def test_a_resumed_run_is_the_undisturbed_one(train, dataset, tmp_path):
-    train(*fresh(dataset, tmp_path / "whole", "--steps=4"))
+@pytest.mark.parametrize("policy_type", SMALL)
+def test_a_resumed_run_is_the_undisturbed_one(train, dataset, tmp_path, policy_type):
+    train(*fresh(dataset, tmp_path / "whole", "--steps=4", policy_type=policy_type))
     config = tmp_path / "whole" / "checkpoints" / "000002" / "pretrained_model" / "train_config.json"
     train(f"--config_path={config}", "--resume=true", f"--output_dir={tmp_path / 'resumed'}")
     whole, resumed = weights(tmp_path / "whole", "000004"), weights(tmp_path / "resumed", "000004")
@@ -69,9 +72,12 @@ def test_a_resumed_run_is_the_undisturbed_one(train, dataset, tmp_path):
         assert value.equal(resumed[name]), name
 
 
-def test_a_chunk_longer_than_every_episode_is_refused(train, dataset, tmp_path):
-    with pytest.raises(ConfigurationError, match=r"chunk_size=13 .* longest episode \(12 steps\)"):
-        train(*fresh(dataset, tmp_path / "run", "--policy.chunk_size=13"))
+@pytest.mark.parametrize(
+    ("policy_type", "name"), [("act_chunked", "chunk_size"), ("diffusion_chunked", "horizon")]
+)
+def test_a_chunk_longer_than_every_episode_is_refused(train, dataset, tmp_path, policy_type, name):
+    with pytest.raises(ConfigurationError, match=rf"{name}=13 .* longest episode \(12 steps\)"):
+        train(*fresh(dataset, tmp_path / "run", f"--policy.{name}=13", policy_type=policy_type))
 
 
 def test_a_nan_in_the_dataset_is_refused(train, tmp_path):
