@@ -102,6 +102,7 @@ def test_errors_by_phase(narrow):
     result = sweep.of(Cell("euler", 3))
     assert result.error_near_contact["count"] == 40
     assert result.error_elsewhere["count"] == 256
+    assert sweep.reference.spread["count"] == 6  # of the crowd of 12, those near contact
     assert result.error_near_contact["p50"] < result.error_elsewhere["p50"]  # one step against five
     assert set(result.error_by_point) == {"x", "y"}
     assert max(result.error_by_point.values()) <= result.error["p95"]
