@@ -10,6 +10,7 @@ from lerobot_act_chunking.nn.condition import Condition
 from lerobot_act_chunking.nn.denoisers.denoiser import Context, Denoiser
 from lerobot_act_chunking.nn.dropout import Dropout
 
+PARTS = 6  # shift, scale and gate of each of a block's two branches
 EXPANSION = 2  # hidden width of both MLPs, in token widths and in tokens
 
 
@@ -51,7 +52,7 @@ class Mixer(Denoiser):
             raise ConfigurationError(f"horizon={horizon} must be divisible by patch_size={patch_size}")
         self.patch_size = patch_size
         n_tokens = horizon // patch_size
-        width = (6 * n_layers + 2) * dim
+        self.widths = [PARTS * dim] * n_layers + [2 * dim]
         self.expand = nn.Linear(patch_size * action_dim, dim)
         self.positions = nn.Parameter(0.02 * torch.randn(n_tokens, dim))
         self.observation_mlp = nn.Sequential(
@@ -60,8 +61,8 @@ class Mixer(Denoiser):
         self.time_mlp = nn.Sequential(
             time_embedding, nn.Linear(dim, dim), nn.SiLU(), nn.Linear(dim, dim), nn.SiLU()
         )
-        self.observation_modulation = nn.Linear(dim, width)
-        self.time_modulation = nn.Linear(dim, width, bias=False)
+        self.observation_modulation = nn.Linear(dim, sum(self.widths))
+        self.time_modulation = nn.Linear(dim, sum(self.widths), bias=False)
         self.blocks = nn.ModuleList(MixerBlock(n_tokens, dim, dropout) for _ in range(n_layers))
         self.contract = nn.Linear(dim, patch_size * action_dim)
         for part in (self.observation_modulation, self.time_modulation, self.contract):
@@ -85,10 +86,7 @@ class Mixer(Denoiser):
     ) -> Float[Tensor, "B T A"]:
         """The answer for noisy actions; see `Denoiser`."""
         per_token = modulation if modulation.ndim == 3 else modulation[:, None]
-        total = per_token + context.modulation[:, None]
-        *blocks, last = total.split(
-            [*[6 * self.positions.shape[1]] * len(self.blocks), 2 * self.positions.shape[1]], dim=-1
-        )
+        *blocks, last = (per_token + context.modulation[:, None]).split(self.widths, dim=-1)
         h = self.expand(x.reshape(len(x), len(self.positions), -1)) + self.positions
         for block, part in zip(self.blocks, blocks, strict=True):
             h = block(h, part)
@@ -106,7 +104,7 @@ class MixerBlock(nn.Module):
 
     def forward(self, h: Float[Tensor, "B N D"], modulation: Tensor) -> Float[Tensor, "B N D"]:
         """Refine all tokens."""
-        shift, scale, gate, shift_2, scale_2, gate_2 = modulation.chunk(6, dim=-1)
+        shift, scale, gate, shift_2, scale_2, gate_2 = modulation.chunk(PARTS, dim=-1)
         h = h + gate * self.tokens(modulated(h, shift, scale).transpose(1, 2)).transpose(1, 2)
         return h + gate_2 * self.channels(modulated(h, shift_2, scale_2))
 

@@ -21,6 +21,6 @@ class ShortConv1d(nn.Conv1d):
         few = len(input) * input.shape[2] <= FEW_POSITIONS
         if input.device.type != "cpu" or not few or self.weight.numel() < MANY_WEIGHTS:
             return super().forward(input)
-        (padding,) = self.padding
+        padding = int(self.padding[0])
         windows = F.pad(input, (padding, padding)).unfold(2, *self.kernel_size, *self.stride)
         return F.linear(windows.transpose(1, 2).flatten(2), self.weight.flatten(1), self.bias).transpose(1, 2)

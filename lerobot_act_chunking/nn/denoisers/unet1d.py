@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import torch
-import torch.nn.functional as F  # noqa: N812
 from jaxtyping import Float
 from torch import Tensor, nn
 
@@ -64,6 +63,7 @@ class Unet1d(Denoiser):
         self.final = ConvBlock1d(down_dims[0], down_dims[0], kernel_size, 8)
         self.contract = nn.Conv1d(down_dims[0], action_dim, 1)
         self._widths = [each.film_width for level in self._levels for each in (level.first, level.second)]
+        self.activation = nn.Mish()
         self.observation_film = nn.Linear(condition_dim, sum(self._widths))
         self.time_film = nn.Linear(time_dim, sum(self._widths), bias=False)
 
@@ -73,11 +73,11 @@ class Unet1d(Denoiser):
 
     def observe(self, condition: Condition) -> Context:
         """FiLM's part of the condition vector."""
-        return Context(self.observation_film(F.mish(condition.vector)))
+        return Context(self.observation_film(self.activation(condition.vector)))
 
     def modulate(self, time: Float[Tensor, "*S"]) -> Float[Tensor, "*S M"]:
         """FiLM's part of the time."""
-        return self.time_film(F.mish(self.time_mlp(time)))
+        return self.time_film(self.activation(self.time_mlp(time)))
 
     def forward(
         self, x: Float[Tensor, "B T A"], modulation: Float[Tensor, "#B M"], context: Context

@@ -10,9 +10,10 @@ from lerobot.policies.rtc.configuration_rtc import RTCConfig
 from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.errors import ConfigurationError, FeatureError
 from lerobot_act_chunking.execution.settings import Mode
+from lerobot_act_chunking.nn.denoisers.unet1d import SIZES
 from lerobot_act_chunking.policies.chunked_config import PRESET, ChunkedConfig
 from lerobot_act_chunking.policies.diffusion_chunked.checks import check
-from lerobot_act_chunking.policies.diffusion_chunked.presets import UNET_SIZES, preset_values
+from lerobot_act_chunking.policies.diffusion_chunked.presets import preset_values
 
 Objective = Literal["flow", "ddpm", "two_step"]
 PredictionType = Literal["velocity", "sample", "epsilon", "v_prediction"]
@@ -151,8 +152,8 @@ class DiffusionChunkedConfig(ChunkedConfig):
         pretrained = self.pretrained_backbone_weights is not None
         values = preset_values(self.preset, objective=self.objective, pretrained=pretrained)
         self.fill_in({"n_obs_steps": 1, **values})
-        if self.down_dims is PRESET and self.unet_size in UNET_SIZES:
-            self.down_dims = UNET_SIZES[self.unet_size]
+        if self.down_dims is PRESET and self.unet_size in SIZES:
+            self.down_dims = SIZES[self.unet_size]
         if self.actions_per_token is PRESET:
             self.actions_per_token = max(n for n in range(1, 6) if self.horizon % n == 0)
         self._resolve_execution()

@@ -7,7 +7,6 @@ from lerobot.configs import NormalizationMode
 from lerobot_act_chunking.errors import unknown_choice
 
 PRESETS = ("base", "paper")
-UNET_SIZES = {"S": (64, 128, 256), "M": (128, 256, 512), "L": (256, 512, 1024), "XL": (512, 1024, 2048)}
 
 _BY_OBJECTIVE: dict[str, dict[str, Any]] = {
     "flow": {"prediction_type": "sample", "sampler": "euler", "num_inference_steps": 5},
