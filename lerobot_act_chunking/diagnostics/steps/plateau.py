@@ -15,7 +15,8 @@ NO_IMPROVEMENT = 0.05
 BY_FAR = 2.0
 """Spread near contact, in tolerances, from which the model and not the sampler is the limit."""
 BELOW_SPREAD = 0.5
-"""Error, as a share of the spread, that does not matter beside it: it adds at most an eighth to it."""
+"""Error near contact, as a share of the spread there, that does not matter: it adds an eighth to it at most.
+Of both, the median over observations counts."""
 NOT_CONVERGED = 0.25
 """Difference between the two references, as a share of the error of 5 to 10 steps, from which there is no
 convergence. From 10 steps to 100, even a first-order sampler's error falls to a tenth."""
@@ -34,7 +35,7 @@ class Series:
     Attributes:
         order: of convergence: errors fall like ``n ** -order``; None if too few cells show it.
         plateau: fewest steps that are enough; None if none are.
-        below_model: fewest steps whose error does not matter beside the model's own spread.
+        below_model: fewest steps whose error near contact does not matter beside the model's own spread.
         nearest: fewest steps that are as near to the demonstrations as any cell.
     """
 
@@ -88,8 +89,16 @@ def all_series(sweep: Sweep, tolerance: float) -> list[Series]:
 
 
 def recommend(sweep: Sweep, series: list[Series], limit: str | None) -> Recommendation | None:
-    """The plateau, or for a limited model what suffices for it, that takes the fewest network calls."""
-    reason = {None: PLATEAU, SPREAD: BELOW_MODEL, CONVERGENCE: NEAREST}[limit]
+    """What takes the fewest network calls: of the plateaus or, for a limited model, of what suffices for it.
+
+    With one mode that is what comes nearest to the demonstrations. With several, a blur of them would do so:
+    there it is what differs less from the reference than the samples do among themselves.
+    """
+    if limit is None:
+        reason = PLATEAU
+    else:
+        blurs = limit == SPREAD and sweep.reference.separation is not None
+        reason = BELOW_MODEL if blurs else NEAREST
     steps_of: dict[str, Callable[[Series], int | None]] = {
         PLATEAU: lambda each: each.plateau,
         BELOW_MODEL: lambda each: each.below_model,
@@ -125,9 +134,10 @@ def _by_sampler(sweep: Sweep) -> Iterator[list[CellResult]]:
 def _series(cells: list[CellResult], sweep: Sweep, tolerance: float) -> Series:
     floor, spread = sweep.reference.disagreement, sweep.reference.spread
     errors = [(r.cell.n_steps, r.error) for r in cells if r.error is not None]
+    touching = [(r.cell.n_steps, r.error_near_contact) for r in cells if r.error_near_contact is not None]
     nearest = min(result.demonstration_error for result in sweep.cells)
     enough = (r.cell.n_steps for r in cells if on_plateau(sweep, r.cell, tolerance))
-    small = (n for n, error in errors if spread and error["p95"] < BELOW_SPREAD * spread["p50"])
+    small = (n for n, error in touching if spread and error["p50"] < BELOW_SPREAD * spread["p50"])
     near = (
         r.cell.n_steps for r in cells if r.demonstration_error <= (1 + SAME_DEMONSTRATION_ERROR) * nearest
     )

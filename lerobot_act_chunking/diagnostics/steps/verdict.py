@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from lerobot_act_chunking.diagnostics.steps.grid import Cell
 from lerobot_act_chunking.diagnostics.steps.plateau import (
     BY_FAR,
-    NEAREST,
     PLATEAU,
     SPREAD,
     Recommendation,
@@ -123,8 +122,6 @@ def _unexplained(sweep: Sweep, tolerance: float) -> float | None:
 def _advice(own: CellResult, recommended: Recommendation) -> list[str]:
     if recommended.cell == own.cell:
         return [f"{own.cell} is the cheapest that is enough for it"]
-    what = {PLATEAU: "is enough", NEAREST: f"is {NEAREST}"}.get(
-        recommended.reason, "is all that this model can use"
-    )
+    what = "is enough" if recommended.reason == PLATEAU else f"is {recommended.reason}"
     calls = f"{recommended.evaluations} network calls a chunk, now {own.evaluations}"
     return [f"{recommended.cell} {what}: {calls}"]

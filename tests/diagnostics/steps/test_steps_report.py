@@ -85,7 +85,7 @@ def test_a_limited_model_is_told_what_helps(limited):
     assert report_module.SEEN in content["notes"]
     card = card_of(limited)
     assert "fail: model-limited" in card
-    assert "below the model's own spread" in card
+    assert "as near to the demonstrations as any" in card
     assert "What helps a model that spreads" in card
 
 

@@ -169,9 +169,22 @@ def test_a_spread_beyond_the_tolerance_is_the_models(narrow):
     assert judgement.limit == SPREAD
     assert judgement.verdict == "fail"
     assert "model-limited: near contact, samples for one observation spread by 0.4" in judgement.reasons[0]
+    assert judgement.recommended.reason == NEAREST
+    chosen = sweep.of(judgement.recommended.cell)
+    assert chosen.demonstration_error <= 1.02 * min(cell.demonstration_error for cell in sweep.cells)
+
+
+def test_a_blur_of_several_modes_is_not_recommended_however_near_the_demonstrations():
+    subject, grid = three_modes(masses=(0.5, 0.5), width=0.2), grid_of(samplers=["euler"])
+    sweep = sweep_of(subject, grid, Scale(crowd=8, noises=40, tolerance=0.01))
+    judgement = judge(sweep, grid.own, 0.01, "units")
+    assert sweep.reference.separation is not None
+    assert judgement.limit == SPREAD
     assert judgement.recommended.reason == BELOW_MODEL
-    below = next(each for each in judgement.series if each.sampler == "euler").below_model
-    assert sweep.of(Cell("euler", below)).error["p95"] < 0.5 * sweep.reference.spread["p50"]
+    chosen, (series,) = judgement.recommended.cell, judgement.series
+    assert chosen.n_steps == series.below_model > series.nearest
+    error = sweep.of(chosen).error_near_contact["p50"]
+    assert error < 0.5 * sweep.reference.spread["p50"] < sweep.of(Cell("euler", 1)).error_near_contact["p50"]
 
 
 def test_samples_that_agree_on_something_else_than_was_demonstrated_warn():
