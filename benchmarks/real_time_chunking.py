@@ -94,8 +94,8 @@ class Results:
         return any((c.task, c.policy, c.method, c.delay) == wanted for c in self.cells)
 
     def save(self) -> None:
-        order = list(METHODS)
-        self.cells.sort(key=lambda c: (c.task, c.policy, order.index(c.method), c.delay))
+        policies, methods = list(dict.fromkeys(cell.policy for cell in self.cells)), list(METHODS)
+        self.cells.sort(key=lambda c: (c.task, policies.index(c.policy), methods.index(c.method), c.delay))
         self.path.parent.mkdir(parents=True, exist_ok=True)
         part = self.path.with_suffix(".part")
         content = {"cells": [asdict(cell) for cell in self.cells], "ms_per_chunk": self.ms_per_chunk}
@@ -261,6 +261,8 @@ def draw(results: Results, path: Path) -> None:
     from matplotlib.figure import Figure
 
     groups = list(dict.fromkeys((cell.task, cell.policy) for cell in results.cells))
+    if not groups:
+        return
     figure = Figure(figsize=(14, 4 * len(groups)), layout="constrained")
     colors = dict(zip(METHODS, ("tab:red", "tab:orange", "tab:blue", "tab:cyan", "tab:green"), strict=True))
     for row, (task, policy) in zip(figure.subplots(len(groups), 3, squeeze=False), groups, strict=True):
@@ -275,12 +277,16 @@ def draw(results: Results, path: Path) -> None:
                 ax.plot(*zip(*known, strict=True) if known else ((), ()), marker="o", markersize=4, **style)
         row[0].set(title=f"{task}, {policy}", ylabel="success [%]", ylim=(-3, 103))
         row[1].axhline(1, color="black", linewidth=0.8)
-        row[1].set(ylabel="step at boundaries / step elsewhere", ylim=(0, None), title="1 is seamless")
+        row[1].set(
+            ylabel="step at boundaries / step elsewhere",
+            ylim=(0, None),
+            title="chunk boundaries (1 is seamless)",
+        )
         row[2].set(ylabel="rms jerk of the arms [std / s³]", ylim=(0, None), title="jerk of the commands")
         for ax in row:
-            ax.set(xlabel="inference delay [steps of 20 ms]")
+            ax.set(xlabel="inference delay [steps of 20 ms]", xlim=(-0.5, max(DELAYS) + 0.5))
             ax.grid(alpha=0.3)
-    figure.axes[0].legend(fontsize=8)
+    figure.axes[0].legend(fontsize=8, loc="lower right")
     save(figure, path)
 
 
