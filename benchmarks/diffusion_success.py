@@ -145,7 +145,7 @@ def evaluate(training: Training, asked: Run, episodes: int) -> Cell:
     for name, value in asked.sampling.items():
         setattr(loaded.policy.config, name, value)
     env_config = environment_for(loaded.policy.config, task=asked.task, success="touch")
-    milliseconds = chunk_ms(loaded, env_config)
+    milliseconds, calls = time_chunks(loaded, env_config)
     seeds = range(FIRST_SEED, FIRST_SEED + episodes)
     groups = [seeds[first : first + N_ENVS] for first in range(0, episodes, N_ENVS)]
     succeeded = [each for group in groups for each in act(loaded, env_config, group) if each.success]
@@ -154,7 +154,7 @@ def evaluate(training: Training, asked: Run, episodes: int) -> Cell:
         train=training.facts,
         episodes=episodes,
         failed_seeds=sorted({*seeds} - {each.seed for each in succeeded}),
-        network_calls=network_calls(loaded.policy.config),
+        network_calls=calls,
         chunk_ms=milliseconds,
         threads=torch.get_num_threads(),
         smoothness=smoothness(succeeded, loaded) if len(succeeded) >= FEWEST_SUCCESSES else {},
@@ -172,14 +172,11 @@ def act(loaded: Any, env_config: Any, seeds: Sequence[int]) -> "list[Rollout]":
         return act(loaded, env_config, seeds[:half]) + act(loaded, env_config, seeds[half:]) if half else []
 
 
-def network_calls(config: Any) -> int:
-    """Evaluations of the denoiser per chunk."""
-    calls_per_step = {"midpoint": 2, "heun": 2, "rk4": 4}
-    return calls_per_step.get(getattr(config, "sampler", ""), 1) * config.num_inference_steps
+def time_chunks(loaded: Any, env_config: Any) -> tuple[float, int]:
+    """Median milliseconds of CPU from one observation to its chunk, and the denoiser's calls in it.
 
-
-def chunk_ms(loaded: Any, env_config: Any) -> float:
-    """Median milliseconds of CPU from one observation to its chunk: whoever else computes does not count."""
+    CPU time, so that whoever else computes does not count.
+    """
     import gymnasium as gym
     import torch
     from lerobot.envs.utils import preprocess_observation
@@ -188,16 +185,20 @@ def chunk_ms(loaded: Any, env_config: Any) -> float:
     envs = gym.vector.SyncVectorEnv([make])
     observation, _ = envs.reset(seed=[FIRST_SEED])
     envs.close()
+    policy = loaded.policy
     batch = loaded.preprocessor(preprocess_observation(observation) | {"task": [""]})
-    seconds = []
+    denoiser = policy.diffusion.unet if policy.name == "diffusion" else policy.model.denoiser
+    calls, seconds = [], []
     with torch.inference_mode():
-        loaded.policy.reset()
-        loaded.policy.select_action(dict(batch))  # fills LeRobot's history of observations
+        policy.reset()
+        policy.select_action(dict(batch))  # fills LeRobot's history of observations
+        counting = denoiser.register_forward_hook(lambda *_: calls.append(1))
         for _ in range(TIMED_CHUNKS):
             started = time.process_time()
-            loaded.policy.predict_action_chunk(dict(batch))
+            policy.predict_action_chunk(dict(batch))
             seconds.append(time.process_time() - started)
-    return 1000 * statistics.median(seconds)
+    counting.remove()
+    return 1000 * statistics.median(seconds), len(calls) // TIMED_CHUNKS
 
 
 class Results:
