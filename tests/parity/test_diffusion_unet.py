@@ -1,5 +1,6 @@
 """`Unet1d` with the weights of LeRobot's diffusion U-Net: same outputs and gradients, FiLM split or not."""
 
+from copy import deepcopy
 from dataclasses import dataclass
 from itertools import product
 
@@ -89,12 +90,17 @@ def as_products(request, monkeypatch):
 
 @pytest.mark.usefixtures("as_products")
 @pytest.mark.parametrize("batch_size", [1, 3])
-def test_answers_are_equal(case, batch_size):
+def test_answers_are_equal_but_for_rounding(case, batch_size, monkeypatch):
+    """In float32 both round: neither is much further from the float64 answer than the other."""
     pair = make_pair(*case)
     x, steps, condition = inputs(batch_size)
-    expected = pair.theirs(x, steps, condition)
-    difference = answer(pair.ours, x, steps, condition) - expected
-    assert difference.norm() <= 1e-6 * expected.norm()
+    exact, embedding = deepcopy(pair.ours).double(), pair.ours.time_mlp[0]
+    monkeypatch.setattr(exact.time_mlp[0], "forward", lambda time: embedding(time.float()).double())
+    truth = answer(exact, x.double(), steps, condition.double())
+    theirs = pair.theirs(x, steps, condition)
+    ours = answer(pair.ours, x, steps, condition)
+    assert (ours - truth).norm() <= 3 * (theirs - truth).norm()
+    assert (theirs - truth).norm() <= 3e-6 * truth.norm()
 
 
 @pytest.mark.usefixtures("as_products")
