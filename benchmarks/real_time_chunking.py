@@ -99,7 +99,7 @@ class Results:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         part = self.path.with_suffix(".part")
         content = {"cells": [asdict(cell) for cell in self.cells], "ms_per_chunk": self.ms_per_chunk}
-        part.write_text(json.dumps(content, indent=1) + "\n")
+        part.write_text(json.dumps(content) + "\n")
         part.replace(self.path)
 
 
