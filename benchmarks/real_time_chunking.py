@@ -29,7 +29,6 @@ from typing import Any
 
 from execution_study import FEWEST_SUCCESSES, FIRST_SEED
 from rich.console import Console
-from rich.progress import Progress
 
 from lerobot_act_chunking.diagnostics.success import SuccessRate
 from lerobot_act_chunking.envs.aloha.tasks import TASKS
@@ -119,26 +118,20 @@ def configure(policy: Any, method: str, delay: int) -> None:
     policy.reset()
 
 
-def evaluate(
-    loaded: Any, task: str, policy: str, method: str, delay: int, episodes: int, progress: Any
-) -> Cell:
+def evaluate(loaded: Any, task: str, policy: str, method: str, delay: int, episodes: int) -> Cell:
     """Run the episodes of one cell and measure them."""
     configure(loaded.policy, method, delay)
-    rollouts, diverged = run_episodes(loaded, task, episodes, progress)
+    rollouts, diverged = run_episodes(loaded, task, episodes)
     succeeded = [rollout for rollout in rollouts if rollout.success]
     return Cell(
-        task=task,
-        policy=policy,
-        method=method,
-        delay=delay,
-        episodes=episodes,
+        *(task, policy, method, delay, episodes),
         failed_seeds=sorted(diverged | {rollout.seed for rollout in rollouts if not rollout.success}),
         diverged_seeds=sorted(diverged),
         **(motion(succeeded, loaded, delay) if len(succeeded) >= FEWEST_SUCCESSES else {}),
     )
 
 
-def run_episodes(loaded: Any, task: str, episodes: int, progress: Any) -> tuple[list[Any], set[int]]:
+def run_episodes(loaded: Any, task: str, episodes: int) -> tuple[list[Any], set[int]]:
     """The episodes, and the seeds of those in which the simulation diverged.
 
     All are run again with another episode in such a one's place, so that the others keep their noise.
@@ -147,17 +140,12 @@ def run_episodes(loaded: Any, task: str, episodes: int, progress: Any) -> tuple[
 
     env_config = environment_for(loaded.policy.config, task=task, success="touch")
     seeds = list(range(FIRST_SEED, FIRST_SEED + episodes))
-    under_way: list[int] = []
-    diverged: list[int] = []
+    under_way, diverged = [0], []
     while True:
         in_place = [seed + STAND_IN * diverged.count(seed) for seed in seeds]
         try:
-            rollouts = roll_out(
-                *(loaded, env_config, in_place),
-                n_envs=100,
-                on_step=lambda seed, *_: under_way.__setitem__(slice(None), [seed]),
-                progress=progress,
-            )
+            note = lambda seed, *_: under_way.__setitem__(0, seed)  # noqa: E731
+            rollouts = roll_out(loaded, env_config, in_place, n_envs=100, on_step=note)
         except ActChunkingError:
             diverged.append(under_way[0] % STAND_IN)
         else:
@@ -212,20 +200,16 @@ def study(name: str, path: Path, args: argparse.Namespace, results: Results, con
     from lerobot_act_chunking.policies.loading import load_policy
 
     loaded = load_policy(path)
-    with Progress(console=console, transient=True) as bar:
-        for delay in args.delays:
-            for method in usable_methods(loaded):
-                if method not in args.methods or (args.task, name, method, delay) in results:
-                    continue
-                started = time.monotonic()
-                bar_id = bar.add_task(f"{name}, {method}, delay {delay}", total=args.episodes)
-                advance = lambda n, bar_id=bar_id: bar.update(bar_id, completed=n)  # noqa: E731
-                cell = evaluate(loaded, args.task, name, method, delay, args.episodes, advance)
-                bar.remove_task(bar_id)
-                results.cells.append(cell)
-                results.save()
-                spent = time.monotonic() - started
-                console.print(f"{args.task}, {name}, {method}, delay {delay}: {cell.rate}, {spent:.0f} s")
+    for delay in args.delays:
+        for method in usable_methods(loaded):
+            if method not in args.methods or (args.task, name, method, delay) in results:
+                continue
+            started = time.monotonic()
+            cell = evaluate(loaded, args.task, name, method, delay, args.episodes)
+            results.cells.append(cell)
+            results.save()
+            spent = time.monotonic() - started
+            console.print(f"{args.task}, {name}, {method}, delay {delay}: {cell.rate}, {spent:.0f} s")
     if f"{args.task}, {name}" not in results.ms_per_chunk:
         results.ms_per_chunk[f"{args.task}, {name}"] = time_chunks(loaded, args.task)
         results.save()
