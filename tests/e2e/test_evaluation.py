@@ -1,4 +1,4 @@
-"""LeRobot's own commands with the wrapper, over checkpoints of LeRobot's policies and of ours."""
+"""LeRobot's own commands over checkpoints of LeRobot's policies and of ours, bare and wrapped."""
 
 import json
 import shutil
@@ -12,7 +12,8 @@ from lerobot.envs.utils import env_to_policy_features
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from lerobot.scripts import lerobot_eval
 
-import lerobot_act_chunking.policies.act_chunked.configuration_act_chunked  # noqa: F401  (registers the type)
+import lerobot_act_chunking.policies.act_chunked.configuration_act_chunked
+import lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked  # noqa: F401  (register)
 from lerobot_act_chunking.cli.wrap import wrap_command
 from lerobot_act_chunking.envs.configuration_envs import AlohaSimEnvConfig
 from lerobot_act_chunking.execution.executor import ChunkExecutor
@@ -23,6 +24,7 @@ TRANSFORMER = {"dim_model": 16, "n_heads": 2, "dim_feedforward": 24, "n_encoder_
 INNER = {
     "act": {**TRANSFORMER, "chunk_size": 12, "n_action_steps": 12},
     "act_chunked": {**TRANSFORMER, "chunk_size": 12},
+    "diffusion_chunked": {"horizon": 4, "chunk_stride": 4, "dim_model": 16, "n_layers": 1},
     "diffusion": {
         "horizon": 16,
         "n_action_steps": 8,
@@ -97,6 +99,22 @@ def test_lerobot_eval_over_a_checkpoint_and_over_its_wrapped_copy(policy_type, e
     _, copied = evaluate(f"--policy.path={tmp_path / 'wrapped'}")
     for chunk, copy in zip(chunks, copied, strict=True):
         assert torch.equal(chunk, copy)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        "--policy.warm_start=rtc --policy.rtc_vjp=exact --policy.latency_steps=2",
+        "--policy.warm_start=sdedit --policy.execution=receding",
+        "--policy.warm_start=noise_hold",
+        "--policy.execution=coherence --policy.sampler=heun",
+    ],
+)
+def test_sampling_is_set_on_the_command_line(settings, evaluate, tmp_path):
+    path = checkpoint("diffusion_chunked", tmp_path / "policy")
+    episodes, chunks = evaluate(f"--policy.path={path}", "--policy.replan_interval=4", *settings.split())
+    assert (episodes, len(chunks)) == (EPISODES, STEPS // 4)
+    assert all(torch.isfinite(chunk).all() for chunk in chunks)
 
 
 def test_another_execution_on_the_command_line(evaluate, tmp_path):
