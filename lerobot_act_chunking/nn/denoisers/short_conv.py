@@ -22,5 +22,6 @@ class ShortConv1d(nn.Conv1d):
         if input.device.type != "cpu" or not few or self.weight.numel() < MANY_WEIGHTS:
             return super().forward(input)
         padding = int(self.padding[0])
-        windows = F.pad(input, (padding, padding)).unfold(2, *self.kernel_size, *self.stride)
-        return F.linear(windows.transpose(1, 2).flatten(2), self.weight.flatten(1), self.bias).transpose(1, 2)
+        windows = F.pad(input, (padding, padding)).unfold(2, *self.kernel_size, *self.stride)  # (B, C, M, k)
+        product = self.weight.flatten(1) @ windows.transpose(2, 3).flatten(1, 2)
+        return product if self.bias is None else product + self.bias[:, None]
