@@ -26,7 +26,7 @@ COLORS = {
     "ddpm": "tab:brown",
 }
 GROUPS = {
-    "flow, half trained": lambda run: run.variant == "recipe" and run.checkpoint == EARLY,
+    "flow, a fifth of the training": lambda run: run.variant == "recipe" and run.checkpoint == EARLY,
     "flow": lambda run: run.variant == "recipe" and run.checkpoint == "last",
     "ddpm": lambda run: run.variant != "recipe",
 }
@@ -50,6 +50,7 @@ def curves(cells: list[Cell]) -> dict[tuple[str, str], list[Cell]]:
 def draw_steps(cells: list[Cell], path: Path) -> None:
     """Success, jerk and milliseconds over network calls per chunk."""
     figure = Figure(figsize=(15, 4.6), layout="constrained")
+    title = f"{cells[0].run['task']}, {cells[0].episodes} episodes"
     success, jerk, cost = figure.subplots(1, 3)
     styles = dict(zip(GROUPS, ("--", "-", ":"), strict=True))
     for (group, sampler), line in curves(cells).items():
@@ -57,13 +58,13 @@ def draw_steps(cells: list[Cell], path: Path) -> None:
         rates = [(cell.network_calls, cell.rate) for cell in line]
         draw_rate(success, rates, **style)
         draw(jerk, line, lambda cell: cell.smoothness.get("rms_jerk"), **style)
-        if group != "flow, half trained":
+        if group != "flow, a fifth of the training":
             draw(cost, line, lambda cell: cell.chunk_ms, **style)
-    success.set(ylabel="success [%]", ylim=(-3, 103), title="insertion, 200 episodes")
-    jerk.set(
-        ylabel="rms jerk of the arms [std / s³]", yscale="log", title="smoothness of successful episodes"
-    )
-    cost.set(ylabel="CPU time [ms]", yscale="log", title="one chunk, one core")
+    success.set(ylabel="success [%]", ylim=(-3, 103), title=title)
+    jerk.set(ylabel="rms jerk of the arms [std / s³]", title="smoothness of successful episodes")
+    cost.set(ylabel="CPU time [ms]", title="one chunk, one core")
+    for ax in (jerk, cost):
+        ax.set_ylim(bottom=0)
     for ax in (success, jerk, cost):
         ax.set_xscale("log")
         ax.set_xticks([1, 2, 3, 5, 10, 20], ["1", "2", "3", "5", "10", "20"])

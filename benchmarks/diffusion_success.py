@@ -239,7 +239,7 @@ def study(runs: Iterable[Run], folder: Path, recordings: Path, episodes: int, co
                 run(recording.record_command(), console)
             training = Training(results.path(asked).parent, variant, asked.seed, recording)
             training.train(console)
-            cell = evaluate(training, asked, variant.episodes or episodes)
+            cell = evaluate(training, asked, episodes)
             results.add(asked, cell)
             console.print(*row(cell), sep="  ")
         cells.append(cell)
