@@ -48,7 +48,12 @@ SIZES = {"act_chunked": ACT, "diffusion_chunked": DIFFUSION}
 # Enough to learn eight samples by heart, without what would make their loss noisy.
 LARGER = {
     "act_chunked": {"dim_model": 32, "dim_feedforward": 64, "use_vae": False},
-    "diffusion_chunked": {"dim_model": 48, "down_dims": (48,), "condition_dropout": 0.0},
+    "diffusion_chunked": {
+        "dim_model": 48,
+        "down_dims": (48,),
+        "condition_dropout": 0.0,
+        "guidance_scale": 1.0,
+    },
 }
 
 

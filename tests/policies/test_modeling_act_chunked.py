@@ -11,7 +11,7 @@ from lerobot_act_chunking.errors import ConfigurationError, DatasetError, Featur
 from lerobot_act_chunking.hub.card import policy_section
 from lerobot_act_chunking.policies.act_chunked.modeling_act_chunked import ActChunkedPolicy
 
-STATE, ENVIRONMENT, VECTORS, CAMERAS, MIXED = CASES
+STATE, ENVIRONMENT, VECTORS, CAMERAS, MIXED = (case for case in CASES if case.type == "act_chunked")
 
 
 def train(policy, batch, steps):

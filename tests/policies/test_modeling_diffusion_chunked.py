@@ -187,12 +187,12 @@ def test_exact_guidance_does_not_depend_on_how_the_caller_treats_gradients(mode)
     chunks = []
     for context in (torch.no_grad, mode):
         with context():
-            chunk = shaken().predict_action_chunk(
+            chunk = shaken(rtc_vjp="exact").predict_action_chunk(
                 observation(), noise=noise, inference_delay=2, prev_chunk_left_over=left_over
             )
         assert not chunk.requires_grad
         chunks.append(chunk.clone())
-    assert torch.equal(*chunks)
+    torch.testing.assert_close(*chunks)
     free = shaken().predict_action_chunk(observation(), noise=noise)
     assert (chunks[0][:, :5] - left_over).norm() < (free[:, :5] - left_over).norm()
 
