@@ -5,7 +5,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 FEW_POSITIONS = 64  # in the whole batch
-MANY_WEIGHTS = 2**20
+MANY_WEIGHTS = 2**22
 
 
 class ShortConv1d(nn.Conv1d):
