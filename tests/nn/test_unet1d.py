@@ -51,9 +51,9 @@ def test_convolutions_as_products(kernel_size, stride, monkeypatch):
 def test_products_only_for_many_weights_and_few_positions(monkeypatch):
     windows, pad = [], nn.functional.pad
     monkeypatch.setattr(short_conv.F, "pad", lambda *args: windows.append(1) or pad(*args))
-    wide, narrow = ShortConv1d(1024, 256, 5, padding=2), ShortConv1d(256, 256, 5, padding=2)
+    wide, narrow = ShortConv1d(1024, 1024, 5, padding=2), ShortConv1d(512, 512, 5, padding=2)
     with torch.no_grad():
-        wide(draw(1, 1024, 65)), narrow(draw(1, 256, 16))
+        wide(draw(1, 1024, 65)), narrow(draw(1, 512, 16))
         assert not windows
         wide(draw(4, 1024, 16))
     assert windows
