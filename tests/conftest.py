@@ -12,10 +12,13 @@ CHECKED = (
     "nn",
     "heads",
     "sampling",
+    "tokenizers",
     "execution",
     "data",
     "policies.act_chunked.network",
     "policies.diffusion_chunked.denoising",
     "policies.diffusion_chunked.plan",
+    "policies.vqbet_chunked.network",
+    "policies.vqbet_chunked.code_draws",
 )
 install_import_hook([f"lerobot_act_chunking.{module}" for module in CHECKED], "beartype.beartype")

@@ -86,3 +86,48 @@ class ChunkTiming:
                 f"{name}={self.horizon} is longer than the dataset's longest episode "
                 f"({longest_episode} steps); set --policy.{name} to {fitting} or less"
             )
+
+
+@dataclass(frozen=True)
+class QueryTiming:
+    """Which actions several action queries predict, each a chunk of its own (VQ-BeT, Lee et al. 2024, fig. 2).
+
+    Query q = 0 belongs to the first observation of the window, the current one's is q = n_obs_steps - 1, and
+    those behind it look further ahead. Each predicts the chunk that begins at its step:
+
+    ===========  ==============================================================  ===============
+    what         steps                                                           count
+    ===========  ==============================================================  ===============
+    queries      t - n_obs_steps + 1 ... t + n_action_pred_token - 1             n_queries
+    chunk of q   (its step) + 0, chunk_stride, ..., control_steps - 1            chunk_size
+    steps        all that any query predicts, each once, in order                len(steps)
+    ===========  ==============================================================  ===============
+
+    Attributes:
+        chunk: observations, and the chunk of one query.
+        n_action_pred_token: queries from the current one on (LeRobot's name).
+    """
+
+    chunk: ChunkTiming
+    n_action_pred_token: int
+
+    @property
+    def n_queries(self) -> int:
+        """Queries of the past, the present and the future."""
+        return self.chunk.n_obs_steps - 1 + self.n_action_pred_token
+
+    @property
+    def steps(self) -> list[int]:
+        """Steps of the actions that all queries together predict."""
+        return sorted({step for chunk in self._chunks for step in chunk})
+
+    @property
+    def windows(self) -> list[list[int]]:
+        """For each query the places of its chunk's actions in ``steps``: n_queries lists of chunk_size."""
+        place = {step: i for i, step in enumerate(self.steps)}
+        return [[place[step] for step in chunk] for chunk in self._chunks]
+
+    @property
+    def _chunks(self) -> list[list[int]]:
+        first = 1 - self.chunk.n_obs_steps
+        return [[q + step for step in self.chunk.action_deltas] for q in range(first, first + self.n_queries)]

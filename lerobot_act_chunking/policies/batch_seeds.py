@@ -1,0 +1,39 @@
+"""Randomness of training that a resumed run goes on with."""
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+EVALUATION_SEED = 0
+
+
+class BatchSeeds(nn.Module):
+    """A seed for every batch, which follows from the run and the number of batches before it.
+
+    Both are saved with the weights. LeRobot restores PyTorch's global generator on resuming, too, but its new
+    data loader draws from it before the policy can. In evaluation mode every batch gets the same seed: losses
+    of different checkpoints then differ by their weights alone.
+    """
+
+    def __init__(self):
+        super().__init__()
+        self.seed: Tensor
+        self.n_batches: Tensor
+        self.register_buffer("seed", torch.tensor(-1))  # drawn from the global generator on first use
+        self.register_buffer("n_batches", torch.tensor(0))
+
+    def next_seed(self) -> int:
+        """The seed of the next batch; ranks of a distributed run have different ones."""
+        if not self.training:
+            return EVALUATION_SEED
+        if self.seed < 0:
+            self.seed.fill_(int(torch.randint(2**62, ())))
+        distributed = torch.distributed.is_available() and torch.distributed.is_initialized()
+        rank = torch.distributed.get_rank() if distributed else 0
+        entropy = (int(self.seed), int(self.n_batches), rank)
+        self.n_batches += 1
+        return int(np.random.SeedSequence(entropy).generate_state(1, np.uint64)[0])
+
+    def next_generator(self, device: torch.device) -> torch.Generator:
+        """A generator with the seed of the next batch."""
+        return torch.Generator(device).manual_seed(self.next_seed())

@@ -1,0 +1,1 @@
+"""Actions as tokens: from chunks of actions to codes and back."""
