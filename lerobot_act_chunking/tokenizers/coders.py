@@ -1,0 +1,92 @@
+"""From chunks to the vectors that are quantised, and back."""
+
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from lerobot_act_chunking.errors import unknown_choice
+
+KERNEL = 5
+HALVINGS = 2
+
+
+def make_coders(
+    coder: str, chunk_size: int, action_dim: int, *, dim: int, hidden_dim: int
+) -> tuple[nn.Module, nn.Module]:
+    """An encoder (N, C, A) -> (N, D) and its decoder.
+
+    Args:
+        coder: ``mlp`` as in VQ-BeT (and LeRobot), or ``conv`` along the chunk.
+        chunk_size: C.
+        action_dim: A.
+        dim: D.
+        hidden_dim: hidden width.
+
+    Raises:
+        ConfigurationError: for another coder.
+    """
+    if coder == "mlp":
+        flat = chunk_size * action_dim
+        encoder = nn.Sequential(nn.Flatten(), _mlp(flat, hidden_dim, dim))
+        return encoder, nn.Sequential(_mlp(dim, hidden_dim, flat), nn.Unflatten(1, (chunk_size, action_dim)))
+    if coder == "conv":
+        sizes = (chunk_size, action_dim, dim, hidden_dim)
+        return ConvEncoder(*sizes), ConvDecoder(*sizes)
+    raise unknown_choice("coder", coder, ("mlp", "conv"))
+
+
+class ConvEncoder(nn.Module):
+    """Convolutions that halve the chunk's length twice, and a linear map of what is left."""
+
+    def __init__(self, chunk_size: int, action_dim: int, dim: int, hidden_dim: int):
+        super().__init__()
+        halve = {"kernel_size": KERNEL, "stride": 2, "padding": KERNEL // 2}
+        self.layers = nn.Sequential(
+            nn.Conv1d(action_dim, hidden_dim, **halve),
+            nn.ReLU(),
+            nn.Conv1d(hidden_dim, hidden_dim, **halve),
+            nn.ReLU(),
+            nn.Flatten(),
+            nn.Linear(hidden_dim * _shortened(chunk_size), dim),
+        )
+
+    def forward(self, actions: Float[Tensor, "N C A"]) -> Float[Tensor, "N D"]:
+        """One vector per chunk."""
+        return self.layers(actions.mT)
+
+
+class ConvDecoder(nn.Module):
+    """`ConvEncoder` backwards: what doubling twice makes too long is cut off at the end."""
+
+    def __init__(self, chunk_size: int, action_dim: int, dim: int, hidden_dim: int):
+        super().__init__()
+        self.chunk_size = chunk_size
+        length = _shortened(chunk_size)
+        double = {"kernel_size": KERNEL, "stride": 2, "padding": KERNEL // 2, "output_padding": 1}
+        self.layers = nn.Sequential(
+            nn.Linear(dim, hidden_dim * length),
+            nn.ReLU(),
+            nn.Unflatten(1, (hidden_dim, length)),
+            nn.ConvTranspose1d(hidden_dim, hidden_dim, **double),
+            nn.ReLU(),
+            nn.ConvTranspose1d(hidden_dim, action_dim, **double),
+        )
+
+    def forward(self, vectors: Float[Tensor, "N D"]) -> Float[Tensor, "N C A"]:
+        """One chunk per vector."""
+        return self.layers(vectors).mT[:, : self.chunk_size]
+
+
+def _mlp(n_in: int, hidden_dim: int, n_out: int) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Linear(n_in, hidden_dim),
+        nn.ReLU(),
+        nn.Linear(hidden_dim, hidden_dim),
+        nn.ReLU(),
+        nn.Linear(hidden_dim, n_out),
+    )
+
+
+def _shortened(length: int) -> int:
+    for _ in range(HALVINGS):
+        length = -(-length // 2)
+    return length

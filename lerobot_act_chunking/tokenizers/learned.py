@@ -1,0 +1,77 @@
+"""Chunks encoded, quantised and decoded by what is learned from them."""
+
+import torch
+from jaxtyping import Bool, Float, Int64
+from torch import Tensor, nn
+
+from lerobot_act_chunking.tokenizers.quantizers import Quantizer
+from lerobot_act_chunking.tokenizers.tokenizer import ActionTokenizer, Reconstruction
+
+COMMITMENT = 5.0
+"""Weight of the commitment beside the L1 error of the reconstruction (the official VQ-BeT code)."""
+MOST_PADDING = 0.5
+"""Share of a chunk that may be padding for it to teach."""
+
+
+class LearnedTokenizer(ActionTokenizer):
+    """VQ-BeT's tokenizer (Lee et al. 2024, section 3.2): encoder, residual quantiser, decoder.
+
+    Everything computes in single precision, also under autocast: a code must not depend on it.
+    """
+
+    coarse_to_fine = True
+    is_learned = True
+
+    def __init__(self, encoder: nn.Module, decoder: nn.Module, quantizer: Quantizer):
+        super().__init__()
+        self.encoder = encoder
+        self.decoder = decoder
+        self.quantizer = quantizer
+        self.n_codes = quantizer.n_codes
+        self.vocabulary = quantizer.vocabulary
+
+    @torch.no_grad()
+    def encode(self, actions: Float[Tensor, "N C A"]) -> Int64[Tensor, "N G"]:
+        """The codes of these chunks."""
+        with torch.autocast(actions.device.type, enabled=False):
+            return self.quantizer.nearest(self.encoder(actions.float()))
+
+    def decode(self, codes: Int64[Tensor, "N G"]) -> Float[Tensor, "N C A"]:
+        """The chunks that these codes stand for."""
+        with torch.autocast(codes.device.type, enabled=False):
+            return self.decoder(self.quantizer.vectors(codes))
+
+    def learn(
+        self, actions: Float[Tensor, "N C A"], is_pad: Bool[Tensor, "N C"], seed: int
+    ) -> Reconstruction:
+        """The L1 error plus the commitment; chunks that are mostly padding have loss zero."""
+        teaches = is_pad.float().mean(1) <= MOST_PADDING
+        with torch.autocast(actions.device.type, enabled=False):
+            encodings = self.encoder(actions.float())
+            quantized = self.quantizer.quantize(encodings, teaches, seed)
+            decoded = self.decoder(quantized.vectors)
+        error = _error_per_chunk((decoded - actions).abs(), teaches[:, None] & ~is_pad)
+        commitment = quantized.commitment * teaches * (len(teaches) / teaches.sum().clamp_min(1))
+        return Reconstruction(
+            loss=error + COMMITMENT * commitment,
+            actions=decoded,
+            codes=quantized.codes,
+            metrics={
+                "reconstruction_l1": error.mean().item(),
+                "commitment": quantized.commitment.item(),
+                "code_perplexity": perplexity(quantized.codes[teaches], self.vocabulary).mean().item(),
+            },
+        )
+
+
+def perplexity(codes: Int64[Tensor, "N G"], vocabulary: int) -> Float[Tensor, " G"]:
+    """Of each level, how many equally frequent codes would be as unpredictable: between 1 and M."""
+    counts = nn.functional.one_hot(codes, vocabulary).sum(0).float()
+    shares = counts / counts.sum(-1, keepdim=True).clamp_min(1)
+    return torch.special.entr(shares).sum(-1).exp()
+
+
+def _error_per_chunk(error: Float[Tensor, "N C A"], counts: Bool[Tensor, "N C"]) -> Float[Tensor, " N"]:
+    """Errors of the steps that count, scaled so that their mean is the mean over all those of the batch."""
+    total = (error * counts[..., None]).sum((1, 2))
+    return total * len(counts) / (counts.sum() * error.shape[-1]).clamp_min(1)
