@@ -39,11 +39,10 @@ class ConvEncoder(nn.Module):
 
     def __init__(self, chunk_size: int, action_dim: int, dim: int, hidden_dim: int):
         super().__init__()
-        halve = {"kernel_size": KERNEL, "stride": 2, "padding": KERNEL // 2}
         self.layers = nn.Sequential(
-            nn.Conv1d(action_dim, hidden_dim, **halve),
+            _halve(action_dim, hidden_dim),
             nn.ReLU(),
-            nn.Conv1d(hidden_dim, hidden_dim, **halve),
+            _halve(hidden_dim, hidden_dim),
             nn.ReLU(),
             nn.Flatten(),
             nn.Linear(hidden_dim * _shortened(chunk_size), dim),
@@ -61,14 +60,13 @@ class ConvDecoder(nn.Module):
         super().__init__()
         self.chunk_size = chunk_size
         length = _shortened(chunk_size)
-        double = {"kernel_size": KERNEL, "stride": 2, "padding": KERNEL // 2, "output_padding": 1}
         self.layers = nn.Sequential(
             nn.Linear(dim, hidden_dim * length),
             nn.ReLU(),
             nn.Unflatten(1, (hidden_dim, length)),
-            nn.ConvTranspose1d(hidden_dim, hidden_dim, **double),
+            _double(hidden_dim, hidden_dim),
             nn.ReLU(),
-            nn.ConvTranspose1d(hidden_dim, action_dim, **double),
+            _double(hidden_dim, action_dim),
         )
 
     def forward(self, vectors: Float[Tensor, "N D"]) -> Float[Tensor, "N C A"]:
@@ -84,6 +82,15 @@ def _mlp(n_in: int, hidden_dim: int, n_out: int) -> nn.Sequential:
         nn.ReLU(),
         nn.Linear(hidden_dim, n_out),
     )
+
+
+def _halve(n_in: int, n_out: int) -> nn.Conv1d:
+    """Half the length, rounded up."""
+    return nn.Conv1d(n_in, n_out, KERNEL, stride=2, padding=KERNEL // 2)
+
+
+def _double(n_in: int, n_out: int) -> nn.ConvTranspose1d:
+    return nn.ConvTranspose1d(n_in, n_out, KERNEL, stride=2, padding=KERNEL // 2, output_padding=1)
 
 
 def _shortened(length: int) -> int:

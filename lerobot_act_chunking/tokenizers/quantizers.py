@@ -8,6 +8,7 @@ from abc import abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from jaxtyping import Bool, Float, Int64
@@ -150,7 +151,8 @@ class MovingCodebooks(Quantizer):
     @property
     def is_placed(self) -> bool:
         """Whether the codes are where k-means, or chance, has put them."""
-        return all(bool(level._codebook.initted) for level in self.levels.layers)
+        codebooks: list[Any] = [level._codebook for level in self.levels.layers]
+        return all(bool(codebook.initted) for codebook in codebooks)
 
     @torch.no_grad()
     def nearest(self, encodings: Float[Tensor, "N D"]) -> Int64[Tensor, "N G"]:

@@ -9,6 +9,14 @@ from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 TokenizerName = Literal["residual_vq", "fsq", "uniform", "dct"]
 Coder = Literal["mlp", "conv"]
 LEARNED: tuple[TokenizerName, ...] = ("residual_vq", "fsq")
+CODERS = ("vqvae_num_layers", "vqvae_embedding_dim", "vqvae_enc_hidden_dim", "vqvae_coder")
+BUILDING = {
+    "residual_vq": ("vqvae_n_embed", *CODERS),
+    "fsq": ("fsq_levels", *CODERS),
+    "uniform": ("n_bins",),
+    "dct": ("n_bins", "dct_coefficients"),
+}
+"""For each tokenizer the fields without which a trained one cannot be rebuilt, besides its sizes."""
 
 
 @dataclass(frozen=True)
@@ -59,13 +67,19 @@ class TokenizerSpec:
         """The spec whose other values are the attributes of ``source``, a policy's configuration."""
         sizes = {"chunk_size": chunk_size, "action_dim": action_dim}
         names = (field.name for field in fields(cls))
-        values = {name: getattr(source, name) for name in names if name not in sizes}
+        values: dict[str, Any] = {name: getattr(source, name) for name in names if name not in sizes}
         return cls.from_values(values | sizes)
 
     @classmethod
     def from_values(cls, values: dict[str, Any]) -> "TokenizerSpec":
         """The spec with these values, as read from JSON or YAML."""
-        return cls(**values | {"fsq_levels": tuple(values["fsq_levels"])})
+        levels: Any = tuple(values["fsq_levels"])
+        return cls(**{**values, "fsq_levels": levels})
+
+    @property
+    def building(self) -> dict[str, Any]:
+        """The fields that a trained tokenizer needs to be rebuilt; the others only say how it learned."""
+        return {name: getattr(self, name) for name in ("tokenizer", "chunk_size", *BUILDING[self.tokenizer])}
 
     @property
     def is_learned(self) -> bool:
