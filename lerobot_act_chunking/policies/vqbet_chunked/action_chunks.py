@@ -1,0 +1,155 @@
+"""Chunks of demonstrated actions, read from a dataset's action column alone."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import torch
+from jaxtyping import Bool, Float, Int64
+from lerobot.configs import FeatureType, NormalizationMode, PolicyFeature
+from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
+from lerobot.processor import (
+    NormalizerProcessorStep,
+    TransitionKey,
+    UnnormalizerProcessorStep,
+    create_transition,
+)
+from lerobot.utils.constants import ACTION
+from torch import Tensor
+
+from lerobot_act_chunking.data.fast_chunks.windows import EpisodeWindows
+from lerobot_act_chunking.data.masking import hold_padding
+from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
+from lerobot_act_chunking.data.timing import ChunkTiming
+from lerobot_act_chunking.errors import DatasetError
+from lerobot_act_chunking.policies.statistics import NEEDED, check_finite, floored_statistics
+
+
+@dataclass(frozen=True)
+class Demonstrations:
+    """The actions of a dataset.
+
+    Attributes:
+        folder: where it is.
+        names: of the action dimensions.
+        actions: raw actions of all episodes, one after the other.
+        episode: index of the episode of each action.
+        stats: the dataset's statistics.
+    """
+
+    folder: Path
+    names: tuple[str, ...]
+    actions: Float[Tensor, "F A"]
+    episode: Int64[np.ndarray, " F"]
+    stats: dict[str, Any]
+
+
+def read_demonstrations(folder: Path) -> Demonstrations:
+    """Read a LeRobotDataset's actions; no image, video or state is touched.
+
+    Raises:
+        DatasetError: there is no dataset, it is damaged, or its actions are no vectors.
+    """
+    if not (folder / "meta" / "info.json").exists():
+        raise DatasetError(
+            f"there is no dataset at {folder}: give a LeRobotDataset's folder (with meta/info.json)"
+        )
+    quiet_missing_ffmpeg()
+    try:
+        meta = LeRobotDatasetMetadata(f"local/{folder.name}", root=folder)
+        feature = meta.features[ACTION]
+        (width,) = feature["shape"]
+        tables = [
+            pq.read_table(file, columns=[ACTION, "episode_index"])
+            for file in sorted((folder / "data").rglob("*.parquet"))
+        ]
+        actions = np.concatenate([_rows(table[ACTION], width) for table in tables])
+        episode = np.concatenate([table["episode_index"].to_numpy() for table in tables])
+    except Exception as error:  # whatever LeRobot and its parsers raise on damaged files
+        raise DatasetError(f"the actions of the dataset at {folder} cannot be read: {error!r}") from error
+    names = _names(feature.get("names"), width)
+    return Demonstrations(
+        folder, names, torch.from_numpy(actions), episode.astype(np.int64), meta.stats or {}
+    )
+
+
+class ActionChunks:
+    """Normalised chunks from every step of every episode on, as a policy's processors make them.
+
+    Args:
+        demonstrations: the actions.
+        timing: of the chunks.
+        mode: how actions are normalised.
+        floor: least spread in the statistics (``norm_std_floor``).
+
+    Raises:
+        DatasetError: the dataset lacks the statistics to normalise by, or they are not finite.
+        ConfigurationError: no episode is as long as a chunk.
+    """
+
+    def __init__(
+        self, demonstrations: Demonstrations, timing: ChunkTiming, mode: NormalizationMode, floor: float
+    ):
+        self._names = NEEDED.get(mode, ())
+        actions = {ACTION: PolicyFeature(FeatureType.ACTION, (len(demonstrations.names),))}
+        config = _ActionsOnly({}, actions, {"ACTION": mode})
+        check_finite(config, demonstrations.stats)
+        self._stats = floored_statistics(config, demonstrations.stats, floor)
+        how: Any = {
+            "features": actions,
+            "norm_map": {FeatureType.ACTION: mode},
+            "stats": {ACTION: self._stats.get(ACTION, {})},
+        }
+        self._unnormalize = UnnormalizerProcessorStep(**how)
+        self._actions = _apply(NormalizerProcessorStep(**how), demonstrations.actions)
+        starts = np.flatnonzero(np.diff(demonstrations.episode, prepend=-1))
+        ends = np.append(starts[1:], len(demonstrations.episode))
+        timing.check_episode_length(int((ends - starts).max()))
+        self._episode = np.repeat(np.arange(len(starts)), ends - starts)
+        self._windows = EpisodeWindows(starts, ends, None)
+        self._offsets = np.asarray(timing.action_deltas)
+
+    def __len__(self) -> int:
+        return len(self._actions)
+
+    @property
+    def statistics(self) -> dict[str, list[float]]:
+        """The two statistics that normalise, floored."""
+        stats = self._stats.get(ACTION, {})
+        return {name: torch.as_tensor(stats[name], dtype=torch.float32).tolist() for name in self._names}
+
+    def take(self, rows: Int64[np.ndarray, " N"]) -> tuple[Float[Tensor, "N C A"], Bool[Tensor, "N C"]]:
+        """The chunks from these steps on, and their padding, which holds the last action before it."""
+        places, is_pad = self._windows.rows(rows, self._episode[rows], self._offsets)
+        padding = torch.from_numpy(is_pad)
+        return hold_padding(self._actions[torch.from_numpy(places)], padding), padding
+
+    def raw(self, chunks: Float[Tensor, "N C A"]) -> Float[Tensor, "N C A"]:
+        """Chunks in the units of the dataset."""
+        return _apply(self._unnormalize, chunks)
+
+
+@dataclass
+class _ActionsOnly:
+    """What statistics ask of a configuration, of one that has actions alone."""
+
+    input_features: dict[str, PolicyFeature] | None
+    output_features: dict[str, PolicyFeature] | None
+    normalization_mapping: dict[str, NormalizationMode]
+
+
+def _apply(step: Any, actions: Tensor) -> Tensor:
+    return step(create_transition(action=actions))[TransitionKey.ACTION]
+
+
+def _rows(column: Any, width: int) -> Float[np.ndarray, "F A"]:
+    flat = np.concatenate([chunk.flatten().to_numpy() for chunk in column.chunks])
+    return flat.astype(np.float32).reshape(-1, width)
+
+
+def _names(names: Any, width: int) -> tuple[str, ...]:
+    if isinstance(names, dict):  # LeRobot also groups them
+        names = [name for group in names.values() for name in group]
+    return tuple(names) if names and len(names) == width else tuple(f"action_{dim}" for dim in range(width))

@@ -1,0 +1,180 @@
+"""Training a tokenizer apart from any policy."""
+
+import io
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.policies.vqbet_chunked.action_chunks import ActionChunks
+from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import (
+    TokenizerInfo,
+    load_tokenizer,
+    read_info,
+    save_tokenizer,
+    write_atomically,
+)
+from lerobot_act_chunking.tokenizers.learned import perplexity
+from lerobot_act_chunking.tokenizers.make import make_tokenizer
+from lerobot_act_chunking.tokenizers.quantizers import seeded
+from lerobot_act_chunking.tokenizers.tokenizer import ActionTokenizer
+
+SAVE_EVERY_S = 5.0
+"""What Ctrl-C, kill -9 or a power cut can cost at most."""
+AT_ONCE = 4096
+"""Chunks encoded at a time to measure the finished tokenizer."""
+
+Progress = Callable[[int, dict[str, float]], None]
+"""Told the steps that are done, and the newest numbers."""
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A finished tokenizer, measured on all that it has learned from.
+
+    Attributes:
+        info: what its file says.
+        error: mean absolute error of encoding and decoding per action dimension, in raw units.
+        used_codes: of each level, how many codes occur.
+        perplexity: of each level.
+        combinations: different chunks that the codes of all levels together stand for, of those that occur.
+        steps_before: steps that an earlier, interrupted call had done; all of them if the file was there.
+    """
+
+    info: TokenizerInfo
+    error: Float[Tensor, " A"]
+    used_codes: list[int]
+    perplexity: list[float]
+    combinations: int
+    steps_before: int
+
+
+def train_tokenizer(
+    output: Path, info: TokenizerInfo, chunks: ActionChunks, progress: Progress = lambda done, numbers: None
+) -> Trained:
+    """Train a tokenizer and write its file; interrupted and called again, go on where it was.
+
+    Every step's batch and draws follow from the seed and the step's number: a resumed training ends, bit for
+    bit, where an undisturbed one does.
+
+    Args:
+        output: the file. While training, its state is in ``<name>.training`` beside it.
+        info: what to train, and how.
+        chunks: what to learn from.
+        progress: called after every step.
+
+    Raises:
+        ConfigurationError: ``output``, or what an interrupted training left, is of other settings.
+    """
+    if output.exists():
+        _refuse_other(read_info(output), info, output)
+        tokenizer = make_tokenizer(info.spec)
+        tokenizer.load_state_dict(load_tokenizer(output).state)
+        return _measure(tokenizer, info, chunks, info.lessons.steps)
+    training = _Training(info, output.with_name(f"{output.name}.training"))
+    before = training.done
+    training.run(chunks, progress)
+    save_tokenizer(output, training.tokenizer, info)
+    training.path.unlink(missing_ok=True)
+    return _measure(training.tokenizer, info, chunks, before)
+
+
+class _Training:
+    """A tokenizer on its way, with all that an interruption must not lose."""
+
+    def __init__(self, info: TokenizerInfo, path: Path):
+        self.info = info
+        self.path = path
+        self.done = 0
+        with seeded(info.lessons.seed, torch.device("cpu")):
+            self.tokenizer = make_tokenizer(info.spec)
+        self.optimizer = torch.optim.AdamW(
+            self.tokenizer.parameters(), lr=info.lessons.lr, weight_decay=info.lessons.weight_decay
+        )
+        if path.exists():
+            self._resume()
+
+    def run(self, chunks: ActionChunks, progress: Progress) -> None:
+        """All steps that are left."""
+        saved = monotonic()
+        while self.done < self.info.lessons.steps:
+            numbers = self._step(chunks)
+            self.done += 1
+            progress(self.done, numbers)
+            if monotonic() - saved > SAVE_EVERY_S:
+                self._save()
+                saved = monotonic()
+
+    def _step(self, chunks: ActionChunks) -> dict[str, float]:
+        lessons = self.info.lessons
+        batch_seed, seed = np.random.SeedSequence((lessons.seed, self.done)).generate_state(2, np.uint64)
+        rows = np.random.default_rng(batch_seed).integers(len(chunks), size=lessons.batch_size)
+        learned = self.tokenizer.learn(*chunks.take(rows), int(seed))
+        loss = learned.loss.mean()
+        self.optimizer.zero_grad()
+        loss.backward()
+        self.optimizer.step()
+        return {"loss": loss.item(), **learned.metrics}
+
+    def _save(self) -> None:
+        content = {
+            "info": self.info.to_json(),
+            "done": self.done,
+            "tokenizer": self.tokenizer.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+        }
+        buffer = io.BytesIO()
+        torch.save(content, buffer)
+        write_atomically(self.path, buffer.getvalue())
+
+    def _resume(self) -> None:
+        content = torch.load(self.path, weights_only=True)
+        _refuse_other(TokenizerInfo.from_json(content["info"]), self.info, self.path)
+        self.done = content["done"]
+        self.tokenizer.load_state_dict(content["tokenizer"])
+        self.optimizer.load_state_dict(content["optimizer"])
+
+
+def _refuse_other(found: TokenizerInfo, wanted: TokenizerInfo, path: Path) -> None:
+    """Refuse to go on with, or to overwrite, what was made with other settings or data."""
+    theirs, ours = _flat(asdict(found)), _flat(asdict(wanted))
+    differing = [f"{name} {theirs[name]} (now {ours[name]})" for name in ours if theirs[name] != ours[name]]
+    if differing:
+        raise ConfigurationError(
+            f"{path} was made with {', '.join(differing)}: delete it, use another --output, or ask for "
+            "the same again"
+        )
+
+
+def _flat(values: dict[str, Any]) -> dict[str, Any]:
+    """Settings by their own names; the same data may have moved to another folder."""
+    nested = values.pop("spec") | values.pop("lessons")
+    del values["dataset"]
+    return values | nested
+
+
+@torch.no_grad()
+def _measure(tokenizer: ActionTokenizer, info: TokenizerInfo, chunks: ActionChunks, before: int) -> Trained:
+    error, count, codes = torch.zeros(info.spec.action_dim), 0, []
+    for rows in np.array_split(np.arange(len(chunks)), -(-len(chunks) // AT_ONCE)):
+        actions, is_pad = chunks.take(rows)
+        codes.append(tokenizer.encode(actions))
+        difference = (chunks.raw(tokenizer.decode(codes[-1])) - chunks.raw(actions)).abs()
+        error += difference[~is_pad].sum(0)
+        count += int((~is_pad).sum())
+    found = torch.cat(codes)
+    return Trained(
+        info=info,
+        error=error / count,
+        used_codes=[len(level.unique()) for level in found.unbind(1)],
+        perplexity=perplexity(found, tokenizer.vocabulary).tolist(),
+        combinations=len(found.unique(dim=0)),
+        steps_before=before,
+    )
