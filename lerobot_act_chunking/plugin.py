@@ -8,7 +8,8 @@ imports this one. Only configurations are imported here; LeRobot finds the rest 
 import lerobot_act_chunking.envs.configuration_envs
 import lerobot_act_chunking.policies.act_chunked.configuration_act_chunked
 import lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked
-import lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble  # noqa: F401
+import lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble
+import lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked  # noqa: F401
 from lerobot_act_chunking import hub
 from lerobot_act_chunking.data import fast_chunks
 from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg

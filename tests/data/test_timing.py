@@ -1,6 +1,6 @@
 import pytest
 
-from lerobot_act_chunking.data.timing import ChunkTiming
+from lerobot_act_chunking.data.timing import ChunkTiming, QueryTiming
 from lerobot_act_chunking.errors import ConfigurationError
 
 
@@ -53,3 +53,22 @@ def test_a_chunk_must_fit_the_longest_episode():
         timing.check_episode_length(4)
     with pytest.raises(ConfigurationError, match="to 3 or less"):
         ChunkTiming(n_obs_steps=1, chunk_size=4, chunk_stride=5).check_episode_length(15)
+
+
+def test_queries_of_earlier_and_later_observations():
+    queries = QueryTiming(ChunkTiming(n_obs_steps=3, chunk_size=4), n_action_pred_token=2)
+    assert queries.n_queries == 4
+    assert queries.steps == [-2, -1, 0, 1, 2, 3, 4]
+    assert queries.windows == [[0, 1, 2, 3], [1, 2, 3, 4], [2, 3, 4, 5], [3, 4, 5, 6]]
+
+
+def test_queries_load_only_what_they_predict():
+    queries = QueryTiming(ChunkTiming(n_obs_steps=2, chunk_size=3, chunk_stride=5), n_action_pred_token=1)
+    assert queries.steps == [-1, 0, 4, 5, 9, 10]
+    assert queries.windows == [[0, 2, 4], [1, 3, 5]]
+
+
+def test_a_single_query_is_the_current_chunk():
+    timing = ChunkTiming(n_obs_steps=1, chunk_size=4, chunk_stride=5)
+    queries = QueryTiming(timing, n_action_pred_token=1)
+    assert (queries.steps, queries.windows) == (timing.action_deltas, [[0, 1, 2, 3]])

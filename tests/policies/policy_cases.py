@@ -10,11 +10,13 @@ from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor
 
 import lerobot_act_chunking.policies.act_chunked.configuration_act_chunked
-import lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked  # noqa: F401  (register)
+import lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked
+import lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked  # noqa: F401  (register)
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
     TemporalEnsembleConfig,
 )
+from lerobot_act_chunking.tokenizers.make import make_tokenizer
 
 B, T, A = 3, 5, 4
 STATE = {"observation.state": PolicyFeature(FeatureType.STATE, (6,))}
@@ -44,7 +46,24 @@ DIFFUSION = {
     "spatial_softmax_num_keypoints": 3,
     "vision_backbone": "small_cnn",
 }
-SIZES = {"act_chunked": ACT, "diffusion_chunked": DIFFUSION}
+VQBET = {
+    "chunk_size": T,
+    "gpt_hidden_dim": 16,
+    "gpt_n_layer": 2,
+    "gpt_n_head": 2,
+    "head_hidden_dims": (24,),
+    "vqvae_n_embed": 6,
+    "vqvae_embedding_dim": 8,
+    "vqvae_enc_hidden_dim": 12,
+    "n_bins": 9,
+    "dct_coefficients": 3,
+    "fsq_levels": (3, 3),
+    "n_vqvae_training_steps": 1,
+    "kmeans_iters": 2,
+    "spatial_softmax_num_keypoints": 3,
+    "vision_backbone": "small_cnn",
+}
+SIZES = {"act_chunked": ACT, "diffusion_chunked": DIFFUSION, "vqbet_chunked": VQBET}
 # Enough to learn eight samples by heart, without what would make their loss noisy.
 LARGER = {
     "act_chunked": {"dim_model": 32, "dim_feedforward": 64, "use_vae": False},
@@ -54,6 +73,7 @@ LARGER = {
         "condition_dropout": 0.0,
         "guidance_scale": 1.0,
     },
+    "vqbet_chunked": {"gpt_hidden_dim": 32, "bet_softmax_temperature": 0.0},
 }
 
 
@@ -80,7 +100,15 @@ class Case:
 
     def policy(self, **overrides: Any) -> PreTrainedPolicy:
         torch.manual_seed(0)
-        return get_policy_class(self.type)(self.config(**overrides))
+        policy = get_policy_class(self.type)(self.config(**overrides))
+        return self._with_tokenizer(policy) if self.type == "vqbet_chunked" else policy
+
+    def _with_tokenizer(self, policy: PreTrainedPolicy) -> PreTrainedPolicy:
+        """The policy behind the phase in which its tokenizer learns alone."""
+        while policy.tokenizer_phase.comes_first:
+            policy.train().forward(history_batch(policy))
+        policy.eval().forward(history_batch(policy))
+        return policy
 
     def larger_policy(self) -> PreTrainedPolicy:
         return self.policy(**LARGER[self.type])
@@ -92,9 +120,13 @@ class Case:
 
     def noise(self, batch_size: int) -> dict[str, Tensor]:
         """What makes a policy that samples predict the same chunks whatever else is in the batch."""
-        if self.type != "diffusion_chunked":
-            return {}
-        return {"noise": torch.randn(batch_size, T, A, generator=torch.Generator().manual_seed(6))}
+        generator = torch.Generator().manual_seed(6)
+        if self.type == "diffusion_chunked":
+            return {"noise": torch.randn(batch_size, T, A, generator=generator)}
+        if self.type == "vqbet_chunked":
+            n_codes = make_tokenizer(self.config().tokenizer_spec).n_codes
+            return {"noise": torch.rand(batch_size, n_codes, generator=generator)}
+        return {}
 
     def batch(self, batch_size: int = B) -> dict[str, Tensor]:
         generator = torch.Generator().manual_seed(1)
@@ -129,6 +161,19 @@ class WrappedCase(Case):
         )
 
 
+def history_batch(policy: PreTrainedPolicy, batch_size: int = B) -> dict[str, Tensor]:
+    """A batch with a time axis, and as many actions as the policy asks for; nothing is padded."""
+    config, generator = policy.config, torch.Generator().manual_seed(4)
+    batch = {
+        key: torch.randn(batch_size, config.n_obs_steps, *feature.shape, generator=generator)
+        for key, feature in config.input_features.items()
+    }
+    n_actions = len(config.action_delta_indices)
+    batch["action"] = torch.randn(batch_size, n_actions, A, generator=generator)
+    batch["action_is_pad"] = torch.zeros(batch_size, n_actions, dtype=torch.bool)
+    return batch
+
+
 DDPM = {"objective": "ddpm", "clip_sample_range": 4.0}  # the actions are not normalised
 PAPER_AT_T = {"n_obs_steps": 1, "n_action_steps": T, "sampler": "ddim", "num_inference_steps": 20} | DDPM
 GUIDED = {
@@ -136,6 +181,8 @@ GUIDED = {
     "condition_dropout": 0.5,
     "guidance_scale": 1.5,
 }
+PARALLEL = {"sequentially_select": False, "use_ema": False}
+LEROBOT_AT_T = {"n_obs_steps": 1, "n_action_pred_token": 1, "head_hidden_dims": (), "kmeans_iters": 0}
 
 CASES = [
     Case("state", "act_chunked", STATE),
@@ -151,5 +198,12 @@ CASES = [
     Case("paper", "diffusion_chunked", STATE | ENVIRONMENT, {"preset": "paper"} | PAPER_AT_T),
     Case("goal", "diffusion_chunked", STATE | ENVIRONMENT, {"denoiser": "dit"} | GUIDED),
     Case("prefix", "diffusion_chunked", STATE, {"actions_per_token": 1, "prefix_steps": 2}),
+    Case("state", "vqbet_chunked", STATE),
+    Case("joint", "vqbet_chunked", STATE | VELOCITY, {"tokenizer_training": "joint", "use_ema": False}),
+    Case("fsq", "vqbet_chunked", ENVIRONMENT | TOP, {"tokenizer": "fsq", "vqvae_coder": "conv"}),
+    Case("uniform", "vqbet_chunked", TOP | WRIST, {"tokenizer": "uniform"}),
+    Case("dct", "vqbet_chunked", STATE | VELOCITY | ENVIRONMENT, {"tokenizer": "dct"} | PARALLEL),
+    Case("paper", "vqbet_chunked", STATE | TOP, {"preset": "paper"} | LEROBOT_AT_T),
+    Case("sampled", "vqbet_chunked", STATE, {"offset_target": "sampled", "code_hold": "episode"}),
 ]
 WRAPPED = WrappedCase("vectors", "temporal_ensemble", STATE | VELOCITY | ENVIRONMENT, {"use_ema": True})

@@ -78,7 +78,7 @@ def test_every_parameter_gets_a_gradient(case):
 
 def test_the_optimizer_gets_every_trainable_parameter_once(case):
     policy = case.policy()
-    given = [p for group in policy.get_optim_params() for p in group["params"]]
+    given = [p for group in policy.get_optim_params() for p in group["params"] if p.requires_grad]
     trainable = [p for p in policy.parameters() if p.requires_grad]
     assert len(given) == len(trainable)
     assert set(given) == set(trainable)

@@ -17,6 +17,8 @@ SMALL = {
     "act_chunked": "--policy.dim_model=16 --policy.n_heads=2 --policy.chunk_size=5 --policy.use_ema=true "
     "--policy.dropout=0",
     "diffusion_chunked": "--policy.dim_model=16 --policy.n_layers=1 --policy.horizon=5",
+    "vqbet_chunked": "--policy.gpt_hidden_dim=16 --policy.gpt_n_layer=1 --policy.chunk_size=5 "
+    "--policy.vqvae_n_embed=3 --policy.n_vqvae_training_steps=3 --policy.offset_target=sampled",
 }
 
 
@@ -73,7 +75,8 @@ def test_a_resumed_run_is_the_undisturbed_one(train, dataset, tmp_path, policy_t
 
 
 @pytest.mark.parametrize(
-    ("policy_type", "name"), [("act_chunked", "chunk_size"), ("diffusion_chunked", "horizon")]
+    ("policy_type", "name"),
+    [("act_chunked", "chunk_size"), ("diffusion_chunked", "horizon"), ("vqbet_chunked", "chunk_size")],
 )
 def test_a_chunk_longer_than_every_episode_is_refused(train, dataset, tmp_path, policy_type, name):
     with pytest.raises(ConfigurationError, match=rf"{name}=13 .* longest episode \(12 steps\)"):

@@ -84,6 +84,10 @@ class ActionChunks:
         mode: how actions are normalised.
         floor: least spread in the statistics (``norm_std_floor``).
 
+    Attributes:
+        names: of the action dimensions.
+        ranges: of each, between its smallest and its largest raw value.
+
     Raises:
         DatasetError: the dataset lacks the statistics to normalise by, or they are not finite.
         ConfigurationError: no episode is as long as a chunk.
@@ -92,7 +96,9 @@ class ActionChunks:
     def __init__(
         self, demonstrations: Demonstrations, timing: ChunkTiming, mode: NormalizationMode, floor: float
     ):
-        self._names = NEEDED.get(mode, ())
+        self.names = demonstrations.names
+        self.ranges = (demonstrations.actions.amax(0) - demonstrations.actions.amin(0)).tolist()
+        self._needed = NEEDED.get(mode, ())
         actions = {ACTION: PolicyFeature(FeatureType.ACTION, (len(demonstrations.names),))}
         config = _ActionsOnly({}, actions, {"ACTION": mode})
         check_finite(config, demonstrations.stats)
@@ -118,7 +124,7 @@ class ActionChunks:
     def statistics(self) -> dict[str, list[float]]:
         """The two statistics that normalise, floored."""
         stats = self._stats.get(ACTION, {})
-        return {name: torch.as_tensor(stats[name], dtype=torch.float32).tolist() for name in self._names}
+        return {name: torch.as_tensor(stats[name], dtype=torch.float32).tolist() for name in self._needed}
 
     def take(self, rows: Int64[np.ndarray, " N"]) -> tuple[Float[Tensor, "N C A"], Bool[Tensor, "N C"]]:
         """The chunks from these steps on, and their padding, which holds the last action before it."""

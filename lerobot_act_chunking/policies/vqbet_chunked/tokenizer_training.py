@@ -1,20 +1,23 @@
 """Training a tokenizer apart from any policy."""
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import monotonic
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float
-from torch import Tensor
+from lerobot.configs import NormalizationMode
 
-from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.policies.vqbet_chunked.action_chunks import ActionChunks
+from lerobot_act_chunking.data.timing import ChunkTiming
+from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
+from lerobot_act_chunking.policies.vqbet_chunked.action_chunks import ActionChunks, read_demonstrations
+from lerobot_act_chunking.policies.vqbet_chunked.presets import preset_values
 from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import (
+    Lessons,
     TokenizerInfo,
     load_tokenizer,
     read_info,
@@ -24,6 +27,7 @@ from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import (
 from lerobot_act_chunking.tokenizers.learned import perplexity
 from lerobot_act_chunking.tokenizers.make import make_tokenizer
 from lerobot_act_chunking.tokenizers.quantizers import seeded
+from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
 from lerobot_act_chunking.tokenizers.tokenizer import ActionTokenizer
 
 SAVE_EVERY_S = 5.0
@@ -41,7 +45,8 @@ class Trained:
 
     Attributes:
         info: what its file says.
-        error: mean absolute error of encoding and decoding per action dimension, in raw units.
+        error: mean absolute error of encoding and decoding by action dimension, in raw units.
+        ranges: between the smallest and the largest raw value of each dimension.
         used_codes: of each level, how many codes occur.
         perplexity: of each level.
         combinations: different chunks that the codes of all levels together stand for, of those that occur.
@@ -49,11 +54,57 @@ class Trained:
     """
 
     info: TokenizerInfo
-    error: Float[Tensor, " A"]
+    error: dict[str, float]
+    ranges: list[float]
     used_codes: list[int]
     perplexity: list[float]
     combinations: int
     steps_before: int
+
+
+def plan_training(
+    dataset: Path, preset: str, fields: Mapping[str, Any], lessons: Lessons
+) -> tuple[TokenizerInfo, ActionChunks]:
+    """What to train, and on what, for a policy with these settings.
+
+    Args:
+        dataset: folder of a LeRobotDataset.
+        preset: of `VqbetChunkedConfig`, for the fields that are not given.
+        fields: of `VqbetChunkedConfig`, and ``normalization``, that of actions.
+        lessons: how to train.
+
+    Raises:
+        ConfigurationError: a setting cannot work.
+        DatasetError: the dataset cannot be read, or cannot be normalised in this way.
+    """
+    lessons.check()
+    values = {**preset_values(preset, tokenizer=fields.get("tokenizer"), pretrained=False), **fields}
+    mode, modes = values.get("normalization"), [each.value for each in NormalizationMode]
+    mode = values["normalization_mapping"]["ACTION"].value if mode is None else mode.upper()
+    if mode not in modes:
+        raise unknown_choice("normalization", mode, modes)
+    demonstrations = read_demonstrations(dataset)
+    sizes = {"chunk_size": values["chunk_size"], "action_dim": len(demonstrations.names)}
+    spec = TokenizerSpec.from_fields(SimpleNamespace(**values), **sizes)
+    spec.check()
+    if not spec.is_learned:
+        raise ConfigurationError(
+            f"tokenizer={spec.tokenizer} has nothing to learn: use it without a file, as "
+            f"--policy.tokenizer={spec.tokenizer}"
+        )
+    timing = ChunkTiming(1, spec.chunk_size, values["chunk_stride"])
+    chunks = ActionChunks(demonstrations, timing, NormalizationMode(mode), values["norm_std_floor"])
+    info = TokenizerInfo(
+        spec=spec,
+        chunk_stride=timing.chunk_stride,
+        normalization=mode,
+        norm_std_floor=values["norm_std_floor"],
+        statistics=chunks.statistics,
+        dataset=str(dataset),
+        n_frames=len(chunks),
+        lessons=lessons,
+    )
+    return info, chunks
 
 
 def train_tokenizer(
@@ -172,7 +223,8 @@ def _measure(tokenizer: ActionTokenizer, info: TokenizerInfo, chunks: ActionChun
     found = torch.cat(codes)
     return Trained(
         info=info,
-        error=error / count,
+        error=dict(zip(chunks.names, (error / count).tolist(), strict=True)),
+        ranges=chunks.ranges,
         used_codes=[len(level.unique()) for level in found.unbind(1)],
         perplexity=perplexity(found, tokenizer.vocabulary).tolist(),
         combinations=len(found.unique(dim=0)),

@@ -1,0 +1,41 @@
+"""The observations of several steps as tokens."""
+
+from collections.abc import Mapping
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from lerobot_act_chunking.nn.condition import CameraKeypoints
+
+
+class HistoryTokens(nn.Module):
+    """One token for each camera and one for each vector, at every observed step.
+
+    Args:
+        vector_dims: sizes of the vectors.
+        cameras: keypoints of the images, if there are any.
+        dim: token width D.
+
+    Attributes:
+        n_tokens: per step.
+    """
+
+    def __init__(self, vector_dims: Mapping[str, int], cameras: CameraKeypoints | None, dim: int):
+        super().__init__()
+        self.keys = tuple(vector_dims)
+        self.vectors = nn.ModuleList(nn.Linear(n, dim) for n in vector_dims.values())
+        self.cameras = cameras
+        self.n_cameras = 0 if cameras is None else len(cameras.keys)
+        self.images = None if cameras is None else nn.Linear(cameras.dim // self.n_cameras, dim)
+        self.n_tokens = self.n_cameras + len(self.keys)
+
+    def forward(
+        self, vectors: Mapping[str, Float[Tensor, "B H _"]], images: Mapping[str, Float[Tensor, "B H 3 _ _"]]
+    ) -> Float[Tensor, "B H n D"]:
+        """Tokens of each step: cameras, then vectors, in the order of the keys given at construction."""
+        tokens = [project(vectors[key]) for key, project in zip(self.keys, self.vectors, strict=True)]
+        if self.cameras is not None and self.images is not None:
+            of_images = self.images(self.cameras(images).unflatten(-1, (self.n_cameras, -1)))
+            tokens = [*of_images.unbind(2), *tokens]
+        return torch.stack(tokens, dim=2)

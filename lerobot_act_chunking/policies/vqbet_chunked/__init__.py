@@ -1,0 +1,1 @@
+"""The `vqbet_chunked` policy."""

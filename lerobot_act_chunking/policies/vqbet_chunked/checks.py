@@ -1,0 +1,101 @@
+"""Which settings of `vqbet_chunked` make sense together."""
+
+from typing import TYPE_CHECKING
+
+from lerobot.configs import NormalizationMode
+
+from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.policies.vqbet_chunked.presets import BOUNDED
+from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
+
+if TYPE_CHECKING:
+    from lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked import VqbetChunkedConfig
+
+WITHIN_ONE = (NormalizationMode.MIN_MAX, NormalizationMode.QUANTILES, NormalizationMode.QUANTILE10)
+
+
+def check(config: "VqbetChunkedConfig") -> None:
+    """Refuse settings that cannot work.
+
+    Raises:
+        ConfigurationError: naming the value, the reason and the way out.
+    """
+    config.check_backbone()
+    config.check_ranges(
+        at_least_1=(
+            "n_action_pred_token",
+            "n_vqvae_training_steps",
+            "gpt_hidden_dim",
+            "gpt_n_layer",
+            "gpt_n_head",
+            "spatial_softmax_num_keypoints",
+        ),
+        fractions=("dropout",),
+        not_negative=(
+            "focal_gamma",
+            "primary_code_loss_weight",
+            "secondary_code_loss_weight",
+            "offset_loss_weight",
+            "bet_softmax_temperature",
+            "noise_seed",
+        ),
+    )
+    config.check_divides("gpt_hidden_dim", "gpt_n_head")
+    for width in config.head_hidden_dims:
+        if width < 1:
+            raise ConfigurationError(
+                f"head_hidden_dims={tuple(config.head_hidden_dims)} must be widths of at least 1"
+            )
+    if not 0 < config.top_p <= 1:
+        raise ConfigurationError(f"top_p={config.top_p} must be above 0, at most 1")
+    _check_tokenizer(config)
+    _check_offsets(config)
+    _check_sampling(config)
+
+
+def _check_tokenizer(config: "VqbetChunkedConfig") -> None:
+    TokenizerSpec.from_fields(config, chunk_size=config.chunk_size, action_dim=1).check()
+    mode = config.normalization_mapping["ACTION"]
+    if config.tokenizer in BOUNDED and mode not in WITHIN_ONE:
+        raise ConfigurationError(
+            f"tokenizer={config.tokenizer} has bins in [-1, 1], but actions are normalised by {mode.value}: "
+            "set the ACTION entry of normalization_mapping to MIN_MAX or QUANTILES"
+        )
+    joint = config.tokenizer_training == "joint"
+    if joint and config.tokenizer_path is not None:
+        raise ConfigurationError(
+            f"tokenizer_training=joint would change the tokenizer of tokenizer_path={config.tokenizer_path}, "
+            "which is frozen: leave one of them out"
+        )
+    if joint and config.tokenizer in BOUNDED:
+        raise ConfigurationError(
+            f"tokenizer={config.tokenizer} has nothing to learn: tokenizer_training=joint needs residual_vq "
+            "or fsq"
+        )
+    if joint and config.use_ema:
+        raise ConfigurationError(
+            "tokenizer_training=joint moves the codes while use_ema averages what predicts them, so that "
+            "they no longer fit: set --policy.use_ema=false"
+        )
+
+
+def _check_offsets(config: "VqbetChunkedConfig") -> None:
+    if config.offset_mode == "table" and config.tokenizer in BOUNDED:
+        raise ConfigurationError(
+            f"offset_mode=table holds a whole chunk for every value of every code, far too many with "
+            f"tokenizer={config.tokenizer}: use code_conditioned"
+        )
+
+
+def _check_sampling(config: "VqbetChunkedConfig") -> None:
+    if config.execution_settings.execution != "coherence":
+        return
+    if config.bet_softmax_temperature == 0:
+        raise ConfigurationError(
+            "execution=coherence chooses among sampled chunks, but bet_softmax_temperature=0 gives a single "
+            "one"
+        )
+    if config.code_hold == "episode":
+        raise ConfigurationError(
+            "execution=coherence chooses anew among sampled chunks, code_hold=episode chooses once: use one"
+        )
