@@ -10,11 +10,13 @@ from rich.console import Console
 
 from lerobot_act_chunking.cli import hub
 from lerobot_act_chunking.cli.bandwidth import bandwidth_command
+from lerobot_act_chunking.cli.codebook import codebook_command
 from lerobot_act_chunking.cli.motion import motion_command
 from lerobot_act_chunking.cli.quickstart import quickstart_command
 from lerobot_act_chunking.cli.record import record_command
 from lerobot_act_chunking.cli.smoothness import smoothness_command
 from lerobot_act_chunking.cli.steps import steps_command
+from lerobot_act_chunking.cli.train_tokenizer import train_tokenizer_command
 from lerobot_act_chunking.cli.wrap import wrap_command
 from lerobot_act_chunking.errors import ActChunkingError
 
@@ -30,11 +32,13 @@ app = typer.Typer(
 )
 app.command("quickstart")(quickstart_command)
 app.command("record")(record_command)
+app.command("train-tokenizer")(train_tokenizer_command)
 app.command("wrap")(wrap_command)
 app.command("motion")(motion_command)
 app.command("smoothness")(smoothness_command)
 app.command("bandwidth")(bandwidth_command)
 app.command("steps")(steps_command)
+app.command("codebook")(codebook_command)
 app.add_typer(hub.app, name="hub")
 
 

@@ -52,6 +52,7 @@ class LearnedTokenizer(ActionTokenizer):
             decoded = self.decoder(quantized.vectors)
         error = _error_per_chunk((decoded - actions).abs(), teaches[:, None] & ~is_pad)
         commitment = quantized.commitment * teaches * (len(teaches) / teaches.sum().clamp_min(1))
+        taught = quantized.codes[teaches]
         return Reconstruction(
             loss=error + COMMITMENT * commitment,
             actions=decoded,
@@ -59,16 +60,20 @@ class LearnedTokenizer(ActionTokenizer):
             metrics={
                 "reconstruction_l1": error.mean().item(),
                 "commitment": quantized.commitment.item(),
-                "code_perplexity": perplexity(quantized.codes[teaches], self.vocabulary).mean().item(),
+                "used_codes": _shares(taught, self.vocabulary).gt(0).sum(-1).float().mean().item(),
+                "code_perplexity": perplexity(taught, self.vocabulary).mean().item(),
             },
         )
 
 
 def perplexity(codes: Int64[Tensor, "N G"], vocabulary: int) -> Float[Tensor, " G"]:
     """Of each level, how many equally frequent codes would be as unpredictable: between 1 and M."""
-    counts = nn.functional.one_hot(codes, vocabulary).sum(0).float()
-    shares = counts / counts.sum(-1, keepdim=True).clamp_min(1)
-    return torch.special.entr(shares).sum(-1).exp()
+    return torch.special.entr(_shares(codes, vocabulary)).sum(-1).exp()
+
+
+def _shares(codes: Int64[Tensor, "N G"], vocabulary: int) -> Float[Tensor, "G M"]:
+    """How often each code of each level occurs."""
+    return nn.functional.one_hot(codes, vocabulary).sum(0) / max(1, len(codes))
 
 
 def _error_per_chunk(error: Float[Tensor, "N C A"], counts: Bool[Tensor, "N C"]) -> Float[Tensor, " N"]:

@@ -40,7 +40,7 @@ class Lessons:
     """
 
     steps: int = 2000
-    batch_size: int = 512
+    batch_size: int = 256
     lr: float = 1e-3
     weight_decay: float = 1e-4
     seed: int = 0
