@@ -115,8 +115,8 @@ class Case:
 
     @property
     def lessons(self) -> int:
-        """Optimiser steps to learn eight samples by heart; denoisers also have to learn it for all noise."""
-        return 400 if self.type == "diffusion_chunked" else 160
+        """Optimiser steps to learn eight samples by heart; generative policies have more to learn."""
+        return 160 if self.type == "act_chunked" else 400
 
     def noise(self, batch_size: int) -> dict[str, Tensor]:
         """What makes a policy that samples predict the same chunks whatever else is in the batch."""
@@ -201,7 +201,7 @@ CASES = [
     Case("state", "vqbet_chunked", STATE),
     Case("joint", "vqbet_chunked", STATE | VELOCITY, {"tokenizer_training": "joint", "use_ema": False}),
     Case("fsq", "vqbet_chunked", ENVIRONMENT | TOP, {"tokenizer": "fsq", "vqvae_coder": "conv"}),
-    Case("uniform", "vqbet_chunked", TOP | WRIST, {"tokenizer": "uniform"}),
+    Case("uniform", "vqbet_chunked", STATE | TOP | WRIST, {"tokenizer": "uniform"}),
     Case("dct", "vqbet_chunked", STATE | VELOCITY | ENVIRONMENT, {"tokenizer": "dct"} | PARALLEL),
     Case("paper", "vqbet_chunked", STATE | TOP, {"preset": "paper"} | LEROBOT_AT_T),
     Case("sampled", "vqbet_chunked", STATE, {"offset_target": "sampled", "code_hold": "episode"}),

@@ -113,6 +113,8 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
         self._settle()
         target = ActionTarget.from_lerobot(batch, self.feature_spec, len(self.config.action_delta_indices))
         actions = hold_padding(target.actions, target.is_pad)
+        if not torch.isfinite(actions).all():  # no code stands for them
+            raise not_finite(batch, {})
         chunks, is_pad = actions[:, self.windows], target.is_pad[:, self.windows]  # (B, Q, C, A), (B, Q, C)
         losses, metrics = [], {}
         if self.tokenizer_phase.joint or self.tokenizer_phase.comes_first:
