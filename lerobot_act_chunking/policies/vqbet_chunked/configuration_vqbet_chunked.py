@@ -15,7 +15,7 @@ from lerobot_act_chunking.policies.vqbet_chunked.checks import check
 from lerobot_act_chunking.policies.vqbet_chunked.presets import preset_values
 from lerobot_act_chunking.policies.vqbet_chunked.schedule import TokenizerThenPolicySchedulerConfig
 from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import TokenizerInfo, read_info
-from lerobot_act_chunking.tokenizers.spec import TokenizerName, TokenizerSpec
+from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
 
 
 @PreTrainedConfig.register_subclass("vqbet_chunked")
@@ -87,7 +87,7 @@ class VqbetChunkedConfig(ChunkedConfig):
     n_action_pred_token: int = PRESET
     execution: Mode = PRESET
 
-    tokenizer: TokenizerName = PRESET
+    tokenizer: Literal["residual_vq", "fsq", "uniform", "dct"] = PRESET
     tokenizer_path: str | None = None
     tokenizer_training: Literal["in_loop", "joint"] = "in_loop"
     n_vqvae_training_steps: int = PRESET
