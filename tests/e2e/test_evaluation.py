@@ -13,7 +13,8 @@ from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from lerobot.scripts import lerobot_eval
 
 import lerobot_act_chunking.policies.act_chunked.configuration_act_chunked
-import lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked  # noqa: F401  (register)
+import lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked
+import lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked  # noqa: F401  (register)
 from lerobot_act_chunking.cli.wrap import wrap_command
 from lerobot_act_chunking.envs.configuration_envs import AlohaSimEnvConfig
 from lerobot_act_chunking.execution.executor import ChunkExecutor
@@ -25,6 +26,13 @@ INNER = {
     "act": {**TRANSFORMER, "chunk_size": 12, "n_action_steps": 12},
     "act_chunked": {**TRANSFORMER, "chunk_size": 12},
     "diffusion_chunked": {"horizon": 4, "chunk_stride": 4, "dim_model": 16, "n_layers": 1},
+    "vqbet_chunked": {
+        "chunk_size": 4,
+        "chunk_stride": 4,
+        "gpt_hidden_dim": 16,
+        "gpt_n_layer": 1,
+        "tokenizer": "fsq",
+    },
     "diffusion": {
         "horizon": 16,
         "n_action_steps": 8,
@@ -102,16 +110,19 @@ def test_lerobot_eval_over_a_checkpoint_and_over_its_wrapped_copy(policy_type, e
 
 
 @pytest.mark.parametrize(
-    "settings",
+    ("policy_type", "settings"),
     [
-        "--policy.warm_start=rtc --policy.rtc_vjp=exact --policy.latency_steps=2",
-        "--policy.warm_start=sdedit --policy.execution=receding",
-        "--policy.warm_start=noise_hold",
-        "--policy.execution=coherence --policy.sampler=heun",
+        ("diffusion_chunked", "--policy.warm_start=rtc --policy.rtc_vjp=exact --policy.latency_steps=2"),
+        ("diffusion_chunked", "--policy.warm_start=sdedit --policy.execution=receding"),
+        ("diffusion_chunked", "--policy.warm_start=noise_hold"),
+        ("diffusion_chunked", "--policy.execution=coherence --policy.sampler=heun"),
+        ("vqbet_chunked", "--policy.bet_softmax_temperature=0 --policy.execution=receding"),
+        ("vqbet_chunked", "--policy.code_hold=episode --policy.top_p=0.5"),
+        ("vqbet_chunked", "--policy.execution=coherence --policy.noise_seed=3"),
     ],
 )
-def test_sampling_is_set_on_the_command_line(settings, evaluate, tmp_path):
-    path = checkpoint("diffusion_chunked", tmp_path / "policy")
+def test_sampling_is_set_on_the_command_line(policy_type, settings, evaluate, tmp_path):
+    path = checkpoint(policy_type, tmp_path / "policy")
     episodes, chunks = evaluate(f"--policy.path={path}", "--policy.replan_interval=4", *settings.split())
     assert (episodes, len(chunks)) == (EPISODES, STEPS // 4)
     assert all(torch.isfinite(chunk).all() for chunk in chunks)

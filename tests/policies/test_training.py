@@ -8,6 +8,7 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.scripts import lerobot_train
 from safetensors.torch import load_file
 
+from lerobot_act_chunking.cli.main import main
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError
 
 pytestmark = pytest.mark.slow
@@ -98,3 +99,21 @@ def test_fine_tuning_starts_from_the_checkpoint(train, dataset, tmp_path):
         tmp_path / "second" / "checkpoints" / "last" / "pretrained_model" / "model.safetensors"
     )
     assert second["ema.step"] == 4
+
+
+def test_a_tokenizer_trained_apart_stays_as_it_is(train, dataset, tmp_path):
+    tokenizer = tmp_path / "tokenizer.safetensors"
+    made = f"{dataset} --output {tokenizer} --chunk-size 5 --chunk-stride 1 --steps 3 --batch-size 8"
+    assert main(["train-tokenizer", *made.split()]) == 0
+    settings = fresh(dataset, tmp_path / "run", policy_type="vqbet_chunked")
+    settings = [each for each in settings if "vqvae" not in each and "chunk_size" not in each]
+    train(*settings, f"--policy.tokenizer_path={tokenizer}", "--steps=4")
+    tokenizer.unlink()  # from here on it is in the checkpoint
+    config = tmp_path / "run" / "checkpoints" / "000002" / "pretrained_model" / "train_config.json"
+    train(f"--config_path={config}", "--resume=true", f"--output_dir={tmp_path / 'resumed'}")
+    whole, resumed = weights(tmp_path / "run", "000004"), weights(tmp_path / "resumed", "000004")
+    first = weights(tmp_path / "run", "000002")
+    for name, value in whole.items():
+        assert value.equal(resumed[name]), name
+        if name.startswith("tokenizer."):
+            assert value.equal(first[name]), name

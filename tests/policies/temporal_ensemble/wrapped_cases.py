@@ -9,7 +9,8 @@ from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from torch import Tensor
 
 import lerobot_act_chunking.policies.act_chunked.configuration_act_chunked
-import lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked  # noqa: F401  (register)
+import lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked
+import lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked  # noqa: F401  (register)
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
     TemporalEnsembleConfig,
 )
@@ -168,6 +169,22 @@ FLOW = Case(
     chunk_size=10,
     executes=5,
 )
+CODES = Case(
+    "vqbet_chunked",
+    STATE | ENVIRONMENT,
+    {
+        "n_obs_steps": 2,
+        "chunk_size": 4,
+        "chunk_stride": 3,
+        "n_action_steps": 5,
+        "execution": "open_loop",
+        "tokenizer": "fsq",
+        "gpt_hidden_dim": 16,
+        "gpt_n_layer": 1,
+    },
+    chunk_size=10,
+    executes=5,
+)
 VQBET = Case(
     "vqbet",
     STATE | CAMERA,
@@ -197,6 +214,7 @@ CASES = {
     "act": ACT,
     "ours": OURS,
     "flow": FLOW,
+    "codes": CODES,
     "diffusion": DIFFUSION,
     "camera": DIFFUSION_CAMERA,
     "vqbet": VQBET,
