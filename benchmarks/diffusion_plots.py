@@ -10,11 +10,11 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-from diffusion_success import HEADER, Cell, row
-from diffusion_variants import EARLY, STUDIES, Run
+from diffusion_variants import EARLY, STUDIES
 from execution_plots import draw_rate, save
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from policy_study import HEADER, Cell, Run, row
 
 RESULTS = Path("benchmarks/results")
 COLORS = {

@@ -1,11 +1,12 @@
 """What benchmarks/diffusion_success.py trains, and how it lets it act."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import yaml
+from policy_study import Run
+from policy_training import Variant
 
 RECIPE: dict[str, Any] = yaml.safe_load((Path(__file__).parents[1] / "configs/diffusion.yaml").read_text())
 SEEDS = (0, 1, 2)
@@ -14,27 +15,9 @@ EARLY = "000400"
 STEPS = (1, 2, 3, 5, 10, 20)
 
 
-@dataclass(frozen=True)
-class Variant:
-    """A policy's settings.
-
-    Attributes:
-        policy: settings of lerobot-train.
-        steps: training steps; the recipe's, or as many as take about as long on the same core.
-    """
-
-    policy: dict[str, Any]
-    steps: int = RECIPE["steps"]
-
-    @property
-    def is_lerobot(self) -> bool:
-        """LeRobot's own policy, which also keeps LeRobot's own dataset reader."""
-        return self.policy["type"] == "diffusion"
-
-
 def ours(steps: int = RECIPE["steps"], **changes: Any) -> Variant:
     """The recipe but for these settings."""
-    return Variant({**RECIPE["policy"], **changes}, steps)
+    return Variant({**RECIPE["policy"], **changes}, steps, RECIPE["batch_size"])
 
 
 # What a core leaves time for: a small U-Net, 10 DDIM steps instead of DDPM's 100, and a warm-up that is
@@ -60,19 +43,8 @@ VARIANTS = {
     "ddpm_epsilon": ours(objective="ddpm", num_inference_steps=10),
     "dit": ours(900, denoiser="dit", n_heads=4),
     "unet1d": ours(750, denoiser="unet1d", unet_size="S"),
-    "lerobot_small": Variant(LEROBOT, 330),
+    "lerobot_small": Variant(LEROBOT, 330, RECIPE["batch_size"]),
 }
-
-
-@dataclass(frozen=True)
-class Run:
-    """What is evaluated: one training's checkpoint, and settings of sampling other than the trained ones."""
-
-    task: str
-    variant: str
-    seed: int = 0
-    checkpoint: str = "last"
-    sampling: dict[str, Any] = field(default_factory=dict)
 
 
 def recipe(task: str) -> Iterator[Run]:
