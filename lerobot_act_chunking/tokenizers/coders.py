@@ -4,6 +4,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from lerobot_act_chunking.errors import unknown_choice
+from lerobot_act_chunking.tokenizers.spec import CODERS
 
 KERNEL = 5
 HALVINGS = 2
@@ -31,7 +32,7 @@ def make_coders(
     if coder == "conv":
         sizes = (chunk_size, action_dim, dim, hidden_dim)
         return ConvEncoder(*sizes), ConvDecoder(*sizes)
-    raise unknown_choice("coder", coder, ("mlp", "conv"))
+    raise unknown_choice("coder", coder, CODERS)
 
 
 class ConvEncoder(nn.Module):

@@ -168,8 +168,8 @@ class MovingCodebooks(Quantizer):
     def quantize(self, encodings: Float[Tensor, "N D"], teaches: Bool[Tensor, " N"], seed: int) -> Quantized:
         """Quantise a batch by the codes as they are and, in training mode, then move them."""
         moves = self.training and _everywhere(teaches.any())
-        vectors, codes = torch.zeros_like(encodings), self.nearest(encodings)
-        commitment = encodings.new_zeros(())
+        codes, commitment = self.nearest(encodings), encodings.new_zeros(())
+        vectors = encodings + (self.vectors(codes) - encodings).detach()
         if moves or (self.is_placed and teaches.any()):
             with seeded(seed, encodings.device):
                 quantized = self.levels(encodings[teaches][None], freeze_codebook=not moves)
@@ -178,8 +178,6 @@ class MovingCodebooks(Quantizer):
                 quantized[1][0],
                 quantized[2].sum(),
             )
-        if not teaches.all():
-            vectors[~teaches] = self.vectors(codes[~teaches])
         return Quantized(vectors, codes, commitment)
 
 

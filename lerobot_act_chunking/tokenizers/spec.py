@@ -2,17 +2,17 @@
 
 import math
 from dataclasses import dataclass, fields
-from typing import Any, Literal, get_args
+from typing import Any
 
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 
-TokenizerName = Literal["residual_vq", "fsq", "uniform", "dct"]
-Coder = Literal["mlp", "conv"]
-LEARNED: tuple[TokenizerName, ...] = ("residual_vq", "fsq")
-CODERS = ("vqvae_num_layers", "vqvae_embedding_dim", "vqvae_enc_hidden_dim", "vqvae_coder")
+TOKENIZERS = ("residual_vq", "fsq", "uniform", "dct")
+CODERS = ("mlp", "conv")
+LEARNED = ("residual_vq", "fsq")
+CODER_FIELDS = ("vqvae_num_layers", "vqvae_embedding_dim", "vqvae_enc_hidden_dim", "vqvae_coder")
 BUILDING = {
-    "residual_vq": ("vqvae_n_embed", *CODERS),
-    "fsq": ("fsq_levels", *CODERS),
+    "residual_vq": ("vqvae_n_embed", *CODER_FIELDS),
+    "fsq": ("fsq_levels", *CODER_FIELDS),
     "uniform": ("n_bins",),
     "dct": ("n_bins", "dct_coefficients"),
 }
@@ -45,14 +45,14 @@ class TokenizerSpec:
         dct_coefficients: coefficients that ``dct`` keeps per action dimension, the lowest frequencies.
     """
 
-    tokenizer: TokenizerName
+    tokenizer: str
     chunk_size: int
     action_dim: int
     vqvae_n_embed: int = 16
     vqvae_num_layers: int = 2
     vqvae_embedding_dim: int = 64
     vqvae_enc_hidden_dim: int = 256
-    vqvae_coder: Coder = "mlp"
+    vqvae_coder: str = "mlp"
     vqvae_decay: float = 0.99
     commitment_weight: float = 0.25
     kmeans_iters: int = 20
@@ -92,8 +92,8 @@ class TokenizerSpec:
         Raises:
             ConfigurationError: naming the value and the way out.
         """
-        if self.tokenizer not in get_args(TokenizerName):
-            raise unknown_choice("tokenizer", self.tokenizer, get_args(TokenizerName))
+        if self.tokenizer not in TOKENIZERS:
+            raise unknown_choice("tokenizer", self.tokenizer, TOKENIZERS)
         self._check_least(1, "chunk_size", "action_dim")
         if self.is_learned:
             self._check_coders()
@@ -110,8 +110,8 @@ class TokenizerSpec:
             )
 
     def _check_coders(self) -> None:
-        if self.vqvae_coder not in get_args(Coder):
-            raise unknown_choice("vqvae_coder", self.vqvae_coder, get_args(Coder))
+        if self.vqvae_coder not in CODERS:
+            raise unknown_choice("vqvae_coder", self.vqvae_coder, CODERS)
         self._check_least(1, "vqvae_num_layers", "vqvae_embedding_dim", "vqvae_enc_hidden_dim")
 
     def _check_codebook(self) -> None:
