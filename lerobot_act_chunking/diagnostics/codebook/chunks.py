@@ -1,0 +1,135 @@
+"""Chunks of demonstrated actions, and what a tokenizer makes of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lerobot_act_chunking.data.timing import ChunkTiming
+from lerobot_act_chunking.errors import DatasetError
+
+MOST_CHUNKS = 20_000
+
+
+@dataclass(frozen=True)
+class ActionEpisodes:
+    """The actions of a dataset.
+
+    Attributes:
+        folder: where it lies.
+        fps: control steps per second.
+        names: of the action's dimensions.
+        episodes: actions (L, A) in raw units by episode.
+    """
+
+    folder: str
+    fps: float
+    names: Sequence[str]
+    episodes: dict[int, np.ndarray]
+
+    def only(self, episodes: Sequence[int]) -> "ActionEpisodes":
+        """These episodes alone, as far as there are any."""
+        kept = {each: self.episodes[each] for each in episodes if each in self.episodes}
+        return ActionEpisodes(self.folder, self.fps, self.names, kept)
+
+
+@dataclass(frozen=True)
+class DemonstratedChunks:
+    """Chunks in raw units, with where they come from.
+
+    Attributes:
+        actions: (N, C, A); padded steps repeat the episode's last action.
+        is_pad: (N, C) steps behind the end of the episode.
+        episode: (N,) its number.
+        step: (N,) first control step, counted from the episode's first.
+        progress: (N,) the same from 0 to 1 over the episode.
+        control_steps: what a chunk covers.
+    """
+
+    actions: np.ndarray
+    is_pad: np.ndarray
+    episode: np.ndarray
+    step: np.ndarray
+    progress: np.ndarray
+    control_steps: int
+
+    def __len__(self) -> int:
+        return len(self.actions)
+
+
+@dataclass(frozen=True)
+class CodedChunks:
+    """Chunks with their codes.
+
+    Attributes:
+        chunks: as demonstrated.
+        codes: (N, G).
+        decoded: (N, C, A), what the codes alone stand for, in raw units.
+        lost: (N, A) squared error of each chunk, mean over its valid steps, in normalised units.
+        varies: (A,) variance of all chunks' valid steps in these units.
+    """
+
+    chunks: DemonstratedChunks
+    codes: np.ndarray
+    decoded: np.ndarray
+    lost: np.ndarray
+    varies: np.ndarray
+
+    @property
+    def errors(self) -> np.ndarray:
+        """Absolute errors (N, C, A) in raw units; NaN for padded steps."""
+        absolute = np.abs(self.decoded - self.chunks.actions)
+        return np.where(self.chunks.is_pad[..., None], np.nan, absolute)
+
+    @property
+    def chunk_errors(self) -> np.ndarray:
+        """RMS error (N,) of each chunk over valid steps and dimensions, in normalised units."""
+        return np.sqrt(self.lost.mean(1))
+
+    @property
+    def lost_variance(self) -> float:
+        """Share of the chunks' variance that the codes lose, all dimensions in normalised units."""
+        return float(self.lost.mean(0).sum() / max(self.varies.sum(), 1e-12))
+
+
+def cut_chunks(
+    demonstrations: ActionEpisodes, timing: ChunkTiming, most: int = MOST_CHUNKS
+) -> DemonstratedChunks:
+    """The chunk that begins at each control step, evenly thinned out where there are more than ``most``.
+
+    Chunks of which more than half would be padding are left out: tokenizers learn nothing from them.
+
+    Raises:
+        DatasetError: no episode is half as long as a chunk.
+    """
+    offsets = np.arange(timing.chunk_size) * timing.chunk_stride
+    needed = offsets[(timing.chunk_size - 1) // 2]  # the last step that must still be in the episode
+    starts = [
+        np.stack([np.full(n, episode), np.arange(n)], axis=1)
+        for episode, actions in demonstrations.episodes.items()
+        if (n := len(actions) - needed) > 0
+    ]
+    if not starts:
+        raise DatasetError(
+            f"no episode of {demonstrations.folder} is half as long as a chunk of {timing.control_steps} "
+            "control steps: choose a shorter chunk_size or chunk_stride"
+        )
+    episode, step = _evenly(np.concatenate(starts), most).T
+    lengths = np.array([len(demonstrations.episodes[each]) for each in episode])
+    steps = step[:, None] + offsets
+    held = np.minimum(steps, lengths[:, None] - 1)
+    actions = np.stack([demonstrations.episodes[e][rows] for e, rows in zip(episode, held, strict=True)])
+    return DemonstratedChunks(
+        actions=actions.astype(np.float32),
+        is_pad=steps >= lengths[:, None],
+        episode=episode,
+        step=step,
+        progress=step / np.maximum(lengths - 1, 1),
+        control_steps=timing.control_steps,
+    )
+
+
+def _evenly(rows: np.ndarray, most: int) -> np.ndarray:
+    if len(rows) <= most:
+        return rows
+    return rows[np.linspace(0, len(rows) - 1, most).round().astype(int)]

@@ -1,0 +1,193 @@
+"""The tokenizer in question: that of a policy's checkpoint, or a file of its own."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from lerobot.utils.constants import ACTION, HF_LEROBOT_HOME
+
+from lerobot_act_chunking.data.timing import ChunkTiming
+from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes
+from lerobot_act_chunking.diagnostics.codebook.coding import ChunkCoder
+from lerobot_act_chunking.diagnostics.codebook.scale import ActionScale
+from lerobot_act_chunking.errors import ConfigurationError, DatasetError, FeatureError
+
+POLICY_TYPE = "vqbet_chunked"
+
+
+@dataclass(frozen=True)
+class TrainedOn:
+    """What a tokenizer says of the data it was trained on: a folder, and which episodes (None: all)."""
+
+    folder: str | None
+    episodes: list[int] | None = None
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A tokenizer.
+
+    Attributes:
+        source: folder, repo id or file.
+        kind: what that is.
+        coder: the tokenizer with its normalisation.
+        settings: what it is built from, by the names of the policy's configuration.
+        action_dim: A.
+        trained_on: its training data.
+        unfinished: how far its training got; None if that is over.
+    """
+
+    source: str
+    kind: str
+    coder: ChunkCoder
+    settings: Mapping[str, Any]
+    action_dim: int
+    trained_on: TrainedOn
+    unfinished: str | None = None
+
+
+def load_subject(source: str) -> Subject:
+    """Load a `vqbet_chunked` checkpoint, or a file of ``act-chunking train-tokenizer``.
+
+    Raises:
+        ConfigurationError: there is neither, or it is of another policy.
+    """
+    return _from_file(Path(source)) if Path(source).is_file() else _from_policy(source)
+
+
+def _from_file(path: Path) -> Subject:
+    from lerobot.configs import NormalizationMode
+
+    from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import load_tokenizer
+    from lerobot_act_chunking.tokenizers.make import make_tokenizer
+
+    spec, info, state = load_tokenizer(path)
+    tokenizer = make_tokenizer(spec)
+    tokenizer.load_state_dict(state)
+    scale = ActionScale.of_statistics(NormalizationMode(info.normalization), info.statistics, spec.action_dim)
+    return Subject(
+        source=str(path),
+        kind="tokenizer file",
+        coder=ChunkCoder(tokenizer, scale, ChunkTiming(1, spec.chunk_size, info.chunk_stride)),
+        settings=asdict(spec),
+        action_dim=spec.action_dim,
+        trained_on=TrainedOn(info.dataset),
+    )
+
+
+def _from_policy(checkpoint: str) -> Subject:
+    from lerobot_act_chunking.diagnostics.bandwidth.source import read_config
+    from lerobot_act_chunking.policies.loading import load_policy
+
+    config = read_config(checkpoint)
+    if config.type == "temporal_ensemble":
+        raise ConfigurationError(
+            "a temporal_ensemble has no codebook of its own: give the checkpoint it wraps"
+        )
+    if config.type != POLICY_TYPE:
+        raise ConfigurationError(
+            f"{config.type} has no codebook: give a {POLICY_TYPE} checkpoint, a file of act-chunking "
+            "train-tokenizer, or a LeRobotDataset's folder to compare tokenizers on"
+        )
+    loaded = load_policy(checkpoint)
+    policy, config = loaded.policy, loaded.policy.config
+    phase = policy.tokenizer_phase
+    told = f"{int(phase.n_learned)} of {phase.n_steps} steps" if phase.comes_first else None
+    return Subject(
+        source=checkpoint,
+        kind=f"{POLICY_TYPE} checkpoint",
+        coder=ChunkCoder(policy.tokenizer, ActionScale.of_policy(loaded), config.timing),
+        settings=asdict(config.tokenizer_spec),
+        action_dim=config.tokenizer_spec.action_dim,
+        trained_on=_trained_on(checkpoint),
+        unfinished=told,
+    )
+
+
+def _trained_on(checkpoint: str) -> TrainedOn:
+    path = Path(checkpoint) / "train_config.json"
+    if not path.exists():
+        return TrainedOn(None)
+    dataset = json.loads(path.read_text())["dataset"]
+    return TrainedOn(
+        dataset.get("root") or str(HF_LEROBOT_HOME / dataset["repo_id"]), dataset.get("episodes")
+    )
+
+
+def training_episodes(subject: Subject) -> ActionEpisodes | None:
+    """What the tokenizer was trained on, if that is here."""
+    folder, episodes = subject.trained_on.folder, subject.trained_on.episodes
+    if folder is None or not is_dataset(folder):
+        return None
+    found = read_episodes(folder)
+    return check_fits(subject, found if episodes is None else found.only(episodes))
+
+
+def is_dataset(path: str) -> bool:
+    """Whether this is a LeRobotDataset's folder."""
+    return (Path(path) / "meta" / "info.json").is_file()
+
+
+def read_episodes(folder: str) -> ActionEpisodes:
+    """The actions of a LeRobotDataset; nothing else of it is read.
+
+    Raises:
+        DatasetError: there is none, it is damaged or empty, or an action is not finite.
+    """
+    from lerobot_act_chunking.policies.vqbet_chunked.action_chunks import read_demonstrations
+
+    found = read_demonstrations(Path(folder))
+    actions = found.actions.numpy()
+    if not len(actions):
+        raise DatasetError(f"the dataset at {folder} holds no episodes")
+    if not np.isfinite(actions).all():
+        (first, *_), _ = np.nonzero(~np.isfinite(actions))
+        raise DatasetError(
+            f"{ACTION!r} of the dataset at {folder} is not finite in episode "
+            f"{found.episode[first]}: leave that out"
+        )
+    fps = json.loads((Path(folder) / "meta" / "info.json").read_text())["fps"]
+    starts = np.flatnonzero(np.diff(found.episode, prepend=-1))
+    by_episode = zip(found.episode[starts], np.split(actions, starts[1:]), strict=True)
+    return ActionEpisodes(folder, float(fps), found.names, {int(each): rows for each, rows in by_episode})
+
+
+def check_fits(subject: Subject, demonstrations: ActionEpisodes) -> ActionEpisodes:
+    """The same demonstrations, unless their actions are others than the tokenizer's.
+
+    Raises:
+        FeatureError: naming both numbers of dimensions.
+        DatasetError: there is no episode.
+    """
+    if len(demonstrations.names) != subject.action_dim:
+        raise FeatureError(
+            f"the tokenizer is for {subject.action_dim} action dimensions, the dataset at "
+            f"{demonstrations.folder} has {len(demonstrations.names)}: give one of the same robot"
+        )
+    if not demonstrations.episodes:
+        raise DatasetError(
+            f"the dataset at {demonstrations.folder} has none of the training's episodes: give another one "
+            "as --dataset"
+        )
+    return demonstrations
+
+
+def find_data(subject: Subject, folder: str | None) -> tuple[ActionEpisodes | None, ActionEpisodes | None]:
+    """The training data, if they are here, and those in ``folder``, if one is given.
+
+    Raises:
+        DatasetError: neither is there.
+        FeatureError: data of another robot.
+    """
+    training = training_episodes(subject)
+    other = None if folder is None else check_fits(subject, read_episodes(folder))
+    if training is None and other is None:
+        known = subject.trained_on.folder
+        told = (
+            f"its training dataset is not at {known}" if known else "it does not say what it was trained on"
+        )
+        raise DatasetError(f"{told}: give a LeRobotDataset's folder (with meta/info.json) as --dataset")
+    return training, other

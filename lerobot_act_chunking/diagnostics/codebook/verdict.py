@@ -1,0 +1,186 @@
+"""The answer in words: is the codebook in use, fine enough, and still that of the data?"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Self
+
+from lerobot_act_chunking.diagnostics.codebook.drift import Drift
+from lerobot_act_chunking.diagnostics.codebook.losses import Losses
+from lerobot_act_chunking.diagnostics.codebook.subject import Subject
+from lerobot_act_chunking.diagnostics.codebook.usage import Usage
+from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.tokenizers.spec import LEARNED, TokenizerSpec
+
+FEWEST_CHUNKS = 256
+SEVERITY = ("pass", "warn", "fail")
+
+Finding = tuple[str, str]
+"""How bad, one of `SEVERITY`, and why."""
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """Beyond the first number of a pair the verdict is warn, beyond the second fail.
+
+    Attributes:
+        dead: share of a level's codes that are never used, where codes are learned.
+        lost_variance: share of the actions' variance that the codes lose.
+        unsaid: the same of a single dimension; warn only.
+        distance: Jensen-Shannon distance to the training data's codes, above what chance makes; warn only.
+        error_ratio: RMS error relative to that of the training data.
+        beyond: share of chunks with errors that 99 % of the training chunks do not have.
+    """
+
+    dead: tuple[float, float] = (0.25, 0.5)
+    lost_variance: tuple[float, float] = (0.1, 0.5)
+    unsaid: float = 0.5
+    distance: float = 0.2
+    error_ratio: tuple[float, float] = (1.5, 3.0)
+    beyond: tuple[float, float] = (0.05, 0.2)
+
+    @classmethod
+    def losing(cls, share: float) -> Self:
+        """The usual ones, but for the share of the variance that may be lost.
+
+        Raises:
+            ConfigurationError: it is no share.
+        """
+        if not 0 < share < 1:
+            raise ConfigurationError(f"max_lost={share} must be between 0 and 1")
+        return cls(lost_variance=(share, max(share, cls.lost_variance[1])))
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """The answer: pass, warn, fail or inconclusive, and why, in whole sentences."""
+
+    verdict: str
+    reasons: list[str]
+
+
+def judge(
+    subject: Subject, usage: Usage, losses: Losses, drift: Drift | None, thresholds: Thresholds
+) -> Judgement:
+    """Hold what was measured against the thresholds.
+
+    Args:
+        subject: the tokenizer.
+        usage: of the codes.
+        losses: of reconstruction.
+        drift: against the training data, if there is other data.
+        thresholds: when to worry.
+    """
+    if usage.chunks < FEWEST_CHUNKS:
+        return Judgement(
+            "inconclusive",
+            [
+                f"{usage.chunks} chunks are too few to judge a codebook by, it takes {FEWEST_CHUNKS}: "
+                "give more demonstrations as --dataset"
+            ],
+        )
+    settings = subject.settings
+    findings = [*_dead(settings, usage, thresholds), *_coarse(settings, losses, thresholds)]
+    if subject.unfinished is not None:
+        findings.append(("fail", f"the tokenizer has learned for {subject.unfinished}: resume the training"))
+    if drift is not None:
+        findings += _drifted(drift, thresholds)
+    if not findings:
+        return Judgement("pass", [_nothing_wrong(losses, drift)])
+    findings.sort(key=lambda finding: -SEVERITY.index(finding[0]))
+    return Judgement(findings[0][0], [reason for _, reason in findings])
+
+
+def _graded(value: float, limits: tuple[float, float]) -> str | None:
+    if value <= limits[0]:
+        return None
+    return "fail" if value > limits[1] else "warn"
+
+
+def _dead(settings: Mapping[str, Any], usage: Usage, thresholds: Thresholds) -> list[Finding]:
+    """Codes that nobody uses; bins that are not learned may well be empty."""
+    grade = _graded(usage.share_dead, thresholds.dead)
+    if grade is None or settings["tokenizer"] not in LEARNED:
+        return []
+    level = max(range(len(usage.levels)), key=lambda i: len(usage.levels[i].dead))
+    n_dead = len(usage.levels[level].dead)
+    return [
+        (
+            grade,
+            f"{n_dead} of the {usage.vocabulary} codes of level {level + 1} are never used: "
+            f"{_revival(settings)}",
+        )
+    ]
+
+
+def _revival(settings: Mapping[str, Any]) -> str:
+    if settings["tokenizer"] == "fsq":
+        return "take fewer values (smaller --policy.fsq_levels)"
+    remedies = {"kmeans_iters": "place them by k-means", "dead_code_threshold": "revive them"}
+    usual = {field.name: field.default for field in fields(TokenizerSpec)}
+    missing = [
+        f"{remedy} (--policy.{name}={usual[name]})" for name, remedy in remedies.items() if not settings[name]
+    ]
+    if missing:
+        return f"{' and '.join(missing)}, or take --policy.tokenizer=fsq, whose codes cannot die"
+    return (
+        "train the tokenizer for longer, take fewer codes (--policy.vqvae_n_embed), or "
+        "--policy.tokenizer=fsq, whose codes cannot die"
+    )
+
+
+def _coarse(settings: Mapping[str, Any], losses: Losses, thresholds: Thresholds) -> list[Finding]:
+    findings = []
+    grade = _graded(losses.lost_variance, thresholds.lost_variance)
+    if grade is not None:
+        told = f"the codes lose {losses.lost_variance:.0%} of what varies in the actions"
+        findings.append((grade, f"{told}, which the policy's offset has to make up for: {_finer(settings)}"))
+    unsaid = [loss for loss in losses.dimensions if (loss.lost_variance or 0.0) > thresholds.unsaid]
+    if unsaid:
+        named = ", ".join(f"{loss.name} ({min(1.0, loss.lost_variance or 0.0):.0%} lost)" for loss in unsaid)
+        told = f"they hardly tell {named}: ways that differ in these alone have the same codes"
+        findings.append(("warn", told if grade else f"{told}; {_finer(settings)}"))
+    return findings
+
+
+def _finer(settings: Mapping[str, Any]) -> str:
+    more = {
+        "residual_vq": "more levels (--policy.vqvae_num_layers) or codes (--policy.vqvae_n_embed)",
+        "fsq": "more levels (--policy.vqvae_num_layers) or dimensions (--policy.fsq_levels)",
+        "uniform": "more bins (--policy.n_bins)",
+        "dct": "more coefficients (--policy.dct_coefficients) or bins (--policy.n_bins)",
+    }[settings["tokenizer"]]
+    training = ", longer training of the tokenizer" if settings["tokenizer"] in LEARNED else ""
+    return f"take {more}{training}, or shorter chunks"
+
+
+def _drifted(drift: Drift, thresholds: Thresholds) -> list[Finding]:
+    findings = []
+    expected = drift.expected or 0.0
+    if drift.largest > expected + thresholds.distance:
+        findings.append(
+            (
+                "warn",
+                f"{drift.folder} uses other codes than the training data: Jensen-Shannon distance "
+                f"{drift.largest:.2f}, where training episodes differ by {expected:.2f} among themselves",
+            )
+        )
+    grade = _graded(drift.error_ratio, thresholds.error_ratio)
+    if grade is not None:
+        findings.append((grade, f"errors there are {drift.error_ratio:.1f} times those of the training data"))
+    grade = _graded(drift.beyond, thresholds.beyond)
+    if grade is not None:
+        findings.append(
+            (
+                grade,
+                f"{drift.beyond:.0%} of its chunks have errors that 99 % of the training chunks do not have",
+            )
+        )
+    if findings:
+        grade, reason = findings[-1]
+        findings[-1] = (grade, f"{reason}; train the tokenizer and the policy on both")
+    return findings
+
+
+def _nothing_wrong(losses: Losses, drift: Drift | None) -> str:
+    told = f"the codes are in use and tell {1 - losses.lost_variance:.0%} of what varies"
+    return told if drift is None else f"{told}; {drift.folder} fits them as the training data do"
