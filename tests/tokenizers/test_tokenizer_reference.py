@@ -26,8 +26,8 @@ def test_learning_equals_the_reference(levels):
     reference = ReferenceRvq(codebooks(ours), decay=DECAY, beta=BETA)
     theirs = [*encoder.parameters(), *decoder.parameters()]
     mine = [*ours.encoder.parameters(), *ours.decoder.parameters()]
-    first = torch.optim.SGD(mine, lr=0.1)
-    second = torch.optim.SGD(theirs, lr=0.1)
+    first = torch.optim.SGD(mine, lr=1e-3)
+    second = torch.optim.SGD(theirs, lr=1e-3)
     seen = []
     for update in range(UPDATES):
         batch = chunks(seed=update)
