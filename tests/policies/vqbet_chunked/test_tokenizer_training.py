@@ -1,5 +1,7 @@
 """Training a tokenizer apart from a policy."""
 
+from pathlib import Path
+
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -76,7 +78,7 @@ def test_only_the_action_columns_are_read(dataset, monkeypatch):
     asked = []
 
     def read_table(file, **options):
-        if "data" in file.relative_to(dataset).parts:
+        if isinstance(file, Path):  # others are LeRobot's, of its metadata
             asked.append(options.get("columns"))
         return original(file, **options)
 
