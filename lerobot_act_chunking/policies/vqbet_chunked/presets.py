@@ -59,7 +59,7 @@ def _base(bounded: bool, pretrained: bool) -> dict[str, Any]:
         "dropout": 0.0,
         "head_hidden_dims": (512, 512),
         "sequentially_select": True,
-        "focal_gamma": 2.0,
+        "focal_gamma": 0.0,
         "offset_mode": "code_conditioned",
         "offset_target": "gt_code",
         "offset_loss_weight": 100.0,
