@@ -44,7 +44,7 @@ def train_tokenizer_command(
     commitment_weight: Annotated[float | None, _option("How much encodings are drawn to codes.")] = None,
     kmeans_iters: Annotated[int | None, _option("Iterations that place the first codes; 0: random.")] = None,
     dead_code_threshold: Annotated[
-        float | None, _option("Encodings per batch below which a code is placed anew; 0: never.")
+        float | None, _option("Share of even use below which a code is placed anew; 0: never.")
     ] = None,
     rotation_trick: Annotated[
         bool | None, typer.Option(help="Gradients by rotation.", rich_help_panel="Fields of the policy")

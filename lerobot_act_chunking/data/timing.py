@@ -90,7 +90,7 @@ class ChunkTiming:
 
 @dataclass(frozen=True)
 class QueryTiming:
-    """Which actions several action queries predict, each a chunk of its own (VQ-BeT, Lee et al. 2024, fig. 2).
+    """Which actions several action queries predict, each a chunk of its own (VQ-BeT, Lee et al. 2024).
 
     Query q = 0 belongs to the first observation of the window, the current one's is q = n_obs_steps - 1, and
     those behind it look further ahead. Each predicts the chunk that begins at its step:

@@ -70,8 +70,8 @@ class MovingCodebooks(Quantizer):
         decay: gamma of the moving averages.
         commitment_weight: beta.
         kmeans_iters: k-means iterations over the first batch that place the codes; 0 for random codes.
-        dead_code_threshold: codes with fewer encodings per batch (moving average) are placed anew on one of
-            the batch; 0 never.
+        dead_code_threshold: codes with less than this share of what all would have if they were used alike
+            (moving average) are placed anew on an encoding of the batch; 0 never.
         rotation_trick: pass gradients by the rotation from encoding to code, rather than straight.
     """
 
@@ -90,6 +90,7 @@ class MovingCodebooks(Quantizer):
         super().__init__()
         self.n_codes = n_levels
         self.vocabulary = n_codes
+        self.dead_code_threshold = dead_code_threshold
         self.levels = ResidualVQ(
             dim=dim,
             num_quantizers=n_levels,
@@ -98,7 +99,7 @@ class MovingCodebooks(Quantizer):
             commitment_weight=commitment_weight,
             kmeans_init=kmeans_iters > 0,
             kmeans_iters=kmeans_iters,
-            threshold_ema_dead_code=dead_code_threshold,  # pyright: ignore[reportArgumentType]  (a float works)
+            threshold_ema_dead_code=dead_code_threshold,  # pyright: ignore[reportArgumentType]  (see _revive_below)
             rotation_trick=rotation_trick,
             sync_codebook=_is_distributed(),
             sync_kmeans=True,
@@ -171,6 +172,7 @@ class MovingCodebooks(Quantizer):
         codes, commitment = self.nearest(encodings), encodings.new_zeros(())
         vectors = encodings + (self.vectors(codes) - encodings).detach()
         if moves or (self.is_placed and teaches.any()):
+            self._revive_below(self.dead_code_threshold * len(encodings) * _n_processes() / self.vocabulary)
             with seeded(seed, encodings.device):
                 quantized = self.levels(encodings[teaches][None], freeze_codebook=not moves)
             vectors[teaches], codes[teaches], commitment = (
@@ -179,6 +181,14 @@ class MovingCodebooks(Quantizer):
                 quantized[2].sum(),
             )
         return Quantized(vectors, codes, commitment)
+
+    def _revive_below(self, count: float) -> None:
+        """Place codes anew whose moving average of encodings per batch is below ``count``.
+
+        The library takes a fixed count, below which in a small batch every code is.
+        """
+        for level in self.levels.layers:
+            level._codebook.threshold_ema_dead_code = level._codebook.reset_cluster_size = count
 
 
 class FiniteScalar(Quantizer):
@@ -245,6 +255,10 @@ def seeded(seed: int, device: torch.device) -> Iterator[None]:
 
 def _is_distributed() -> bool:
     return torch.distributed.is_available() and torch.distributed.is_initialized()
+
+
+def _n_processes() -> int:
+    return torch.distributed.get_world_size() if _is_distributed() else 1
 
 
 def _everywhere(here: Bool[Tensor, ""]) -> bool:

@@ -37,8 +37,8 @@ class TokenizerSpec:
         vqvae_decay: gamma of the codebook's moving average.
         commitment_weight: beta, how much encodings are drawn to their codes.
         kmeans_iters: k-means iterations that place the first codes; 0 for random ones.
-        dead_code_threshold: codes with fewer encodings per batch than this (moving average) are placed anew;
-            0 never.
+        dead_code_threshold: codes with less than this share of what all would have if they were used alike
+            (moving average) are placed anew; 0 never.
         rotation_trick: pass gradients through the quantiser by rotation (Fifty et al. 2024), not straight.
         fsq_levels: values of each dimension of an ``fsq`` code; M is their product.
         n_bins: M of ``uniform`` and ``dct``.
@@ -56,7 +56,7 @@ class TokenizerSpec:
     vqvae_decay: float = 0.99
     commitment_weight: float = 0.25
     kmeans_iters: int = 20
-    dead_code_threshold: float = 2.0
+    dead_code_threshold: float = 0.25
     rotation_trick: bool = True
     fsq_levels: tuple[int, ...] = (4, 4)
     n_bins: int = 64

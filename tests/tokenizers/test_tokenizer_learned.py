@@ -154,6 +154,20 @@ def test_dead_codes_are_placed_anew(threshold, revived):
     assert (distance < 1e-4) == revived
 
 
+def test_in_a_small_batch_codes_in_use_stay():
+    tokenizer = taught(small(vqvae_num_layers=1, vqvae_n_embed=16, dead_code_threshold=0.25))
+    codebook = tokenizer.quantizer.levels.layers[0]._codebook
+    codebook.cluster_size.fill_(0.5)  # eight encodings a batch, evenly used
+    codebook.embed_avg.copy_(0.5 * codebook.embed)
+    before = codebook.embed.clone()
+    batch = chunks()[:8]
+    tokenizer.learn(batch, no_padding()[:8], 0)
+    unused = torch.ones(16, dtype=torch.bool)
+    unused[tokenizer.encode(batch)[:, 0]] = False
+    assert unused.any()
+    torch.testing.assert_close(codebook.embed[0, unused], before[0, unused], rtol=1e-3, atol=1e-4)
+
+
 @pytest.mark.parametrize("name", LEARNED)
 def test_what_stands_in_the_padding_does_not_matter(name):
     learned = []

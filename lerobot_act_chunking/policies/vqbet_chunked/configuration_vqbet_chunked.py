@@ -48,7 +48,8 @@ class VqbetChunkedConfig(ChunkedConfig):
         vqvae_decay: of the codebook's moving average.
         commitment_weight: beta, how much encodings are drawn to their codes.
         kmeans_iters: k-means iterations that place the first codes; 0 for random codes.
-        dead_code_threshold: codes with fewer encodings than this (moving average) are placed anew; 0 never.
+        dead_code_threshold: codes with less than this share of what all would have if they were used alike
+            (moving average) are placed anew; 0 never.
         rotation_trick: pass gradients through the quantiser by rotation (Fifty et al. 2024), not straight.
         fsq_levels: values of each dimension of a code of ``fsq``; M is their product.
         n_bins: M of ``uniform`` and ``dct``.

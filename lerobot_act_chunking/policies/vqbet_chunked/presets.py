@@ -47,7 +47,7 @@ def _base(bounded: bool, pretrained: bool) -> dict[str, Any]:
         "vqvae_decay": 0.99,
         "commitment_weight": 0.25,
         "kmeans_iters": 20,
-        "dead_code_threshold": 2.0,
+        "dead_code_threshold": 0.25,
         "rotation_trick": True,
         "fsq_levels": (2, 2, 2, 2),
         "n_bins": 65,

@@ -119,7 +119,7 @@ def test_the_error_is_measured_in_raw_units_over_every_valid_step(dataset, tmp_p
     assert list(trained.error.values()) == pytest.approx(expected.tolist(), rel=1e-4)
 
 
-@pytest.mark.parametrize("fields", [{}, {"tokenizer": "fsq"}, {"dead_code_threshold": 20.0}])
+@pytest.mark.parametrize("fields", [{}, {"tokenizer": "fsq"}, {"dead_code_threshold": 2.0}])
 def test_a_resumed_training_ends_where_an_undisturbed_one_does(dataset, tmp_path, every_step_saved, fields):
     info, chunks = plan(dataset, **fields)
     train_tokenizer(tmp_path / "undisturbed", info, chunks)
