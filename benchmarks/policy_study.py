@@ -24,6 +24,8 @@ from lerobot_act_chunking.diagnostics.success import SuccessRate
 from lerobot_act_chunking.errors import ActChunkingError
 
 if TYPE_CHECKING:
+    from torch.nn import Module
+
     from lerobot_act_chunking.diagnostics.rollouts import Rollout
 
 TIMED_CHUNKS, N_ENVS = 30, 50
@@ -133,14 +135,20 @@ def time_chunks(loaded: Any, env_config: Any) -> tuple[float, int]:
     with torch.inference_mode():
         policy.reset()
         policy.select_action(dict(batch))  # fills LeRobot's history of observations
-        network = policy.get_submodule(COUNTED[policy.name])
-        counting = network.register_forward_hook(lambda *_: calls.append(1))
+        counting = counted_part(policy).register_forward_hook(lambda *_: calls.append(1))
         for _ in range(TIMED_CHUNKS):
             started = time.process_time()
             policy.predict_action_chunk(dict(batch))
             seconds.append(time.process_time() - started)
     counting.remove()
     return 1000 * statistics.median(seconds), len(calls) // TIMED_CHUNKS
+
+
+def counted_part(policy: Any) -> "Module":
+    """The part whose calls are counted, of the averaged network if that is the one that acts."""
+    path = COUNTED[policy.name]
+    averaged = getattr(policy, "ema", None) is not None
+    return policy.get_submodule(path.replace("model.", "ema.network.") if averaged else path)
 
 
 class Results:

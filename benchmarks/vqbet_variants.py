@@ -26,12 +26,12 @@ TRAIN_TOKENIZER = (
 
 # Hundreds of codes, one after the other, would take hours to train on a core: all at once.
 TOKENIZERS = {
-    "residual_vq_4_levels": ours(vqvae_num_layers=4),
     "fsq": ours(tokenizer="fsq"),
-    "uniform": ours(tokenizer="uniform", sequentially_select=False),
     "dct": ours(tokenizer="dct", sequentially_select=False),
     "apart": ours(TRAIN_TOKENIZER, tokenizer_path="{folder}/tokenizer.safetensors"),
     "joint": ours(tokenizer_training="joint", use_ema=False),
+    "residual_vq_4_levels": ours(vqvae_num_layers=4),
+    "uniform": ours(tokenizer="uniform", sequentially_select=False),
 }
 
 PARTS = {
