@@ -168,18 +168,14 @@ class MovingCodebooks(Quantizer):
 
     def quantize(self, encodings: Float[Tensor, "N D"], teaches: Bool[Tensor, " N"], seed: int) -> Quantized:
         """Quantise a batch by the codes as they are and, in training mode, then move them."""
-        moves = self.training and _everywhere(teaches.any())
+        n_teaching, moves = _count(teaches) if self.training else (0, False)
         codes, commitment = self.nearest(encodings), encodings.new_zeros(())
         vectors = encodings + (self.vectors(codes) - encodings).detach()
         if moves or (self.is_placed and teaches.any()):
-            self._revive_below(self.dead_code_threshold * len(encodings) * _n_processes() / self.vocabulary)
+            self._revive_below(self.dead_code_threshold * n_teaching / self.vocabulary)
             with seeded(seed, encodings.device):
-                quantized = self.levels(encodings[teaches][None], freeze_codebook=not moves)
-            vectors[teaches], codes[teaches], commitment = (
-                quantized[0][0],
-                quantized[1][0],
-                quantized[2].sum(),
-            )
+                taught = self.levels(encodings[teaches][None], freeze_codebook=not moves)
+            vectors[teaches], codes[teaches], commitment = taught[0][0], taught[1][0], taught[2].sum()
         return Quantized(vectors, codes, commitment)
 
     def _revive_below(self, count: float) -> None:
@@ -257,14 +253,13 @@ def _is_distributed() -> bool:
     return torch.distributed.is_available() and torch.distributed.is_initialized()
 
 
-def _n_processes() -> int:
-    return torch.distributed.get_world_size() if _is_distributed() else 1
+def _count(teaches: Bool[Tensor, " N"]) -> tuple[int, bool]:
+    """How many encodings teach in all processes together, and whether some do in each.
 
-
-def _everywhere(here: Bool[Tensor, ""]) -> bool:
-    """Whether it holds in every process: they move their common codebooks together or not at all."""
-    if _is_distributed():
-        everywhere = here.to(torch.int32)
-        torch.distributed.all_reduce(everywhere, torch.distributed.ReduceOp.MIN)
-        return bool(everywhere)
-    return bool(here)
+    Processes move their common codebooks together or not at all.
+    """
+    counts = torch.stack((teaches.sum(), teaches.any().long()))
+    if not _is_distributed():
+        return int(counts[0]), bool(counts[1])
+    torch.distributed.all_reduce(counts)
+    return int(counts[0]), int(counts[1]) == torch.distributed.get_world_size()

@@ -186,7 +186,7 @@ def test_what_stands_in_the_padding_does_not_matter(name):
 def test_chunks_that_are_mostly_padding_teach_nothing(name):
     learned = []
     for n_extra in (0, 4):
-        tokenizer = small(name)
+        tokenizer = small(name, dead_code_threshold=1.0)
         batch = torch.cat((chunks(), chunks(4, seed=9)[:n_extra] + 5))
         is_pad = torch.cat((padding() & (torch.arange(N) != 3)[:, None], no_padding(n_extra)))
         is_pad[N:, 3:] = True
