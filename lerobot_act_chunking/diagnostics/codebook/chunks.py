@@ -8,7 +8,9 @@ import numpy as np
 from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.errors import DatasetError
 
-MOST_CHUNKS = 20_000
+MOST_CHUNKS = 10_000
+STILL = 1e-3
+"""Share of the largest variance, in normalised units, below which a dimension counts as held still."""
 
 
 @dataclass(frozen=True)
@@ -87,9 +89,10 @@ class CodedChunks:
         return np.sqrt(self.lost.mean(1))
 
     @property
-    def lost_variance(self) -> float:
-        """Share of the chunks' variance that the codes lose, all dimensions in normalised units."""
-        return float(self.lost.mean(0).sum() / max(self.varies.sum(), 1e-12))
+    def lost_variance(self) -> np.ndarray:
+        """Share (A,) of each dimension's variance that the codes lose; NaN where hardly anything varies."""
+        moves = self.varies > STILL * self.varies.max()
+        return np.where(moves, self.lost.mean(0) / np.where(moves, self.varies, 1), np.nan)
 
 
 def cut_chunks(

@@ -9,8 +9,8 @@ from lerobot_act_chunking.diagnostics.codebook.comparison import ComparisonRepor
 from lerobot_act_chunking.diagnostics.codebook.losses import Loss
 
 NOTE = (
-    "lost: share of the variance of normalised actions, and of the dimension where most is lost; in space: "
-    "mean of the point that is farthest off."
+    "lost: share of the variance, mean over the dimensions, then that of the worst; in space: mean of "
+    "the point that is farthest off."
 )
 
 

@@ -19,14 +19,15 @@ from lerobot_act_chunking.diagnostics.codebook.usage import measure_usage
 from lerobot_act_chunking.diagnostics.codebook.verdict import Judgement, Thresholds
 from lerobot_act_chunking.diagnostics.steps.sources import measure_of
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError
+from lerobot_act_chunking.policies.statistics import NEEDED
+from lerobot_act_chunking.policies.vqbet_chunked.presets import preset_values
 from lerobot_act_chunking.tokenizers.make import make_tokenizer
 from lerobot_act_chunking.tokenizers.quantizers import seeded
 from lerobot_act_chunking.tokenizers.tokenizer import ActionTokenizer
 
 HELD_OUT = 0.2
 """Share of the episodes, from the last one backwards, on which errors are measured."""
-LEAST_RANGE = 1e-2
-"""Least distance of bounds from their centre in raw units, as the policies' ``norm_std_floor``."""
+LEAST_SPREAD = preset_values("base", tokenizer=None, pretrained=False)["norm_std_floor"]
 BATCH, LEARNING_RATE = 256, 1e-3
 
 Watch = Callable[[Sequence[Candidate]], Iterable[Candidate]]
@@ -74,22 +75,22 @@ def compare(
 
 
 class _Trial:
-    """The same data, normalisation and training for every candidate."""
+    """The same data and training for every candidate."""
 
     def __init__(
         self, seen: ActionEpisodes, held_out: ActionEpisodes, timing: ChunkTiming, steps: int, seed: int
     ):
         self.timing, self.steps, self.seed = timing, steps, seed
-        self.held_out = held_out
+        self.seen, self.held_out = seen, held_out
         self.chunks, self.unseen = cut_chunks(seen, timing), cut_chunks(held_out, timing)
-        self.scale = _bounds_of(seen)
         self.measure = measure_of({"names": list(seen.names), "shape": (len(seen.names),)})
 
     def run(self, candidate: Candidate) -> Fitted:
         start = perf_counter()
-        tokenizer = self._fit(candidate)
+        scale = _scale_for(candidate.kind, self.seen)
+        tokenizer = self._fit(candidate, scale)
         seconds = perf_counter() - start
-        coder = ChunkCoder(tokenizer, self.scale, self.timing)
+        coder = ChunkCoder(tokenizer, scale, self.timing)
         usage = measure_usage(coder.code(self.chunks).codes, tokenizer.vocabulary)
         return Fitted(
             candidate=candidate,
@@ -101,11 +102,11 @@ class _Trial:
             seconds=seconds,
         )
 
-    def _fit(self, candidate: Candidate) -> ActionTokenizer:
+    def _fit(self, candidate: Candidate, scale: ActionScale) -> ActionTokenizer:
         with seeded(self.seed, torch.device("cpu")):
             tokenizer = make_tokenizer(candidate.spec(self.timing.chunk_size, self.chunks.actions.shape[-1]))
         if tokenizer.is_learned:
-            fit(tokenizer, self.scale.normalised(self.chunks.actions), self.chunks, self.steps, self.seed)
+            fit(tokenizer, scale.normalised(self.chunks.actions), self.chunks, self.steps, self.seed)
         return tokenizer
 
 
@@ -137,13 +138,21 @@ def _split(demonstrations: ActionEpisodes) -> tuple[ActionEpisodes, ActionEpisod
     return demonstrations.only(episodes[:-n_held_out]), demonstrations.only(episodes[-n_held_out:])
 
 
-def _bounds_of(demonstrations: ActionEpisodes) -> ActionScale:
-    """MIN_MAX for all, which binning needs; of the episodes that are fitted, as for the policy."""
+def _scale_for(tokenizer: str, demonstrations: ActionEpisodes) -> ActionScale:
+    """As the policy would normalise actions for this tokenizer, had it these episodes."""
+    mapping = preset_values("base", tokenizer=tokenizer, pretrained=False)["normalization_mapping"]
+    mode: NormalizationMode = mapping["ACTION"]
     actions = np.concatenate(list(demonstrations.episodes.values()))
     low, high = actions.min(0), actions.max(0)
-    centre, half = (low + high) / 2, np.maximum((high - low) / 2, LEAST_RANGE)
-    bounds = {"min": (centre - half).astype(np.float32), "max": (centre + half).astype(np.float32)}
-    return ActionScale.of_statistics(NormalizationMode.MIN_MAX, bounds, len(low))
+    centre, half = (low + high) / 2, np.maximum((high - low) / 2, LEAST_SPREAD)
+    statistics = {
+        "mean": actions.mean(0),
+        "std": np.maximum(actions.std(0), LEAST_SPREAD),
+        "min": centre - half,
+        "max": centre + half,
+    }
+    needed = {name: statistics[name].astype(np.float32) for name in NEEDED[mode]}
+    return ActionScale.of_statistics(mode, needed, len(low))
 
 
 def _recommend(fitted: list[Fitted], allowed: float) -> tuple[Fitted, Judgement]:

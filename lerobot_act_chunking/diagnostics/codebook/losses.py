@@ -50,7 +50,7 @@ class Losses:
         dimensions: raw units.
         points: the same in space, where `measure` knows how; in its ``unit``.
         worst: moments, the worst first, no two of which overlap.
-        lost_variance: share of all variance, in normalised units.
+        lost_variance: mean share over the dimensions that vary, whatever they were normalised by.
     """
 
     dimensions: list[Loss]
@@ -62,9 +62,9 @@ class Losses:
 
 def measure_losses(coded: CodedChunks, demonstrations: ActionEpisodes, measure: Measure) -> Losses:
     """Errors of coded chunks that come from these demonstrations."""
-    shares = _shares(coded)
+    shares = coded.lost_variance
     dimensions = [
-        Loss(name, *_mean_p95(error), share)
+        Loss(name, *_mean_p95(error), None if np.isnan(share) else float(share))
         for name, error, share in zip(
             demonstrations.names, np.moveaxis(coded.errors, -1, 0), shares, strict=True
         )
@@ -74,14 +74,8 @@ def measure_losses(coded: CodedChunks, demonstrations: ActionEpisodes, measure: 
         points=[] if isinstance(measure, RawUnits) else _points(coded, measure),
         unit=measure.unit,
         worst=_worst(coded, demonstrations),
-        lost_variance=coded.lost_variance,
+        lost_variance=float(np.nanmean(shares)),
     )
-
-
-def _shares(coded: CodedChunks) -> list[float | None]:
-    varies = coded.varies > 1e-6 * max(coded.varies.max(), 1e-12)
-    shares = coded.lost.mean(0) / np.where(varies, coded.varies, 1)
-    return [float(share) if moves else None for share, moves in zip(shares, varies, strict=True)]
 
 
 def _points(coded: CodedChunks, measure: Measure) -> list[Loss]:

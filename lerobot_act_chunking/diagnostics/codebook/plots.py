@@ -134,7 +134,7 @@ def _draw_paths(ax: Any, report: CodebookReport, use: CodeUse) -> None:
                 label=name if is_first else None,
             )
             ax.plot(path[-1, 0], path[-1, 2], "o", color=colour, markersize=4 if is_first else 1.5)
-    ax.set_aspect("equal", adjustable="datalim")
+    ax.set_aspect("equal")
     _label_outer(ax, f"x [{report.measure.unit}]", f"height [{report.measure.unit}]")
 
 

@@ -57,4 +57,5 @@ class ActionScale:
 
 
 def _apply(step: ProcessorStep, actions: Tensor) -> Tensor:
-    return step(create_transition(action=actions))[TransitionKey.ACTION]  # pyright: ignore[reportReturnType]
+    transition: Any = step(create_transition(action=actions))
+    return transition[TransitionKey.ACTION]
