@@ -183,8 +183,9 @@ class MovingCodebooks(Quantizer):
 
         The library takes a fixed count, below which in a small batch every code is.
         """
-        for level in self.levels.layers:
-            level._codebook.threshold_ema_dead_code = level._codebook.reset_cluster_size = count
+        codebooks: list[Any] = [level._codebook for level in self.levels.layers]
+        for codebook in codebooks:
+            codebook.threshold_ema_dead_code = codebook.reset_cluster_size = count
 
 
 class FiniteScalar(Quantizer):

@@ -8,7 +8,6 @@ from tokenizer_cases import (
     C,
     D,
     G,
-    M,
     N,
     chunks,
     gradients,
