@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Literal
 
 import torch
+import torch.nn.functional as F  # noqa: N812
 import torchvision
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -34,12 +35,12 @@ def make_backbone(name: Backbone, norm: BackboneNorm, weights: str | None) -> tu
     """
     if name == "small_cnn":
         return SmallCnn(), SmallCnn.CHANNELS[-1]
-    norm_layer = FrozenBatchNorm2d if norm == "frozen_batch" else group_norm
+    norm_layer = FrozenBatchNorm if norm == "frozen_batch" else group_norm
     resnet: ResNet = RESNETS[name](weights=None, norm_layer=norm_layer)
     if weights is not None:
         resnet.load_state_dict(cached_weights(name, weights).get_state_dict(check_hash=True))
     body = list(resnet.named_children())[:-2]
-    return nn.Sequential(OrderedDict(body)), resnet.fc.in_features
+    return ResnetBody(OrderedDict(body)), resnet.fc.in_features
 
 
 def group_norm(channels: int) -> nn.GroupNorm:
@@ -47,7 +48,40 @@ def group_norm(channels: int) -> nn.GroupNorm:
     return nn.GroupNorm(channels // GROUP_SIZE, channels)
 
 
-class SmallCnn(nn.Module):
+class FrozenBatchNorm(FrozenBatchNorm2d):
+    """torchvision's, computed by one kernel in place of several."""
+
+    weight: Tensor
+    bias: Tensor
+    running_mean: Tensor
+    running_var: Tensor
+
+    def forward(self, x: Float[Tensor, "B C h w"]) -> Float[Tensor, "B C h w"]:
+        """Shift and scale each channel by what was learned before."""
+        mean, var = self.running_mean, self.running_var
+        return F.batch_norm(x, mean, var, self.weight, self.bias, training=False, eps=self.eps)
+
+
+class FastWhenActing(nn.Module):
+    """Keeps its weights channels-last in evaluation on a CPU: one image takes half the time.
+
+    PyTorch otherwise reorders every weight in each call. In training they are stored as everyone expects.
+    """
+
+    def train(self, mode: bool = True) -> "FastWhenActing":
+        """Set the mode, and the order of the weights in memory."""
+        if mode != self.training:
+            on_cpu = next(self.parameters()).device.type == "cpu"
+            layout = torch.channels_last if on_cpu and not mode else torch.contiguous_format
+            self.to(memory_format=layout)  # pyright: ignore[reportCallIssue]  (missing in its overloads)
+        return super().train(mode)
+
+
+class ResnetBody(FastWhenActing, nn.Sequential):
+    """A ResNet up to its last feature map."""
+
+
+class SmallCnn(FastWhenActing):
     """Four stride-2 convolutions for small images on a CPU: 0.39 M parameters, stride 16."""
 
     CHANNELS = (32, 64, 128, 256)

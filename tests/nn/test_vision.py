@@ -6,7 +6,7 @@ from torch import nn
 from torchvision.ops.misc import FrozenBatchNorm2d
 
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.nn.vision import SmallCnn, make_backbone
+from lerobot_act_chunking.nn.vision import FrozenBatchNorm, SmallCnn, make_backbone
 
 
 @pytest.mark.parametrize(("name", "stride"), [("small_cnn", 16), ("resnet18", 32)])
@@ -20,6 +20,40 @@ def test_feature_maps_have_the_promised_channels_and_stride(name, stride):
 def test_norm_layers(norm, kind):
     backbone, _ = make_backbone("resnet18", norm, None)
     assert sum(isinstance(module, kind) for module in backbone.modules()) == 20
+
+
+def test_frozen_batch_norm_is_torchvisions():
+    ours, theirs = FrozenBatchNorm(5), FrozenBatchNorm2d(5)
+    for value in ours.state_dict().values():
+        value += torch.rand(5)
+    theirs.load_state_dict(ours.state_dict())
+    results = []
+    x = torch.randn(2, 5, 3, 4)
+    for norm in (ours, theirs):
+        seen = x.clone().requires_grad_()
+        y = norm(seen)
+        y.sin().sum().backward()
+        results.append((y, seen.grad))
+    torch.testing.assert_close(*results)
+
+
+@pytest.mark.parametrize("norm", ["group", "frozen_batch"])
+@pytest.mark.parametrize("name", ["small_cnn", "resnet18"])
+def test_evaluation_stores_weights_otherwise_and_answers_the_same(name, norm):
+    backbone, _ = make_backbone(name, norm, None)
+    images, optimizer = torch.rand(2, 3, 64, 96), torch.optim.AdamW(backbone.parameters())
+    for _ in range(2):  # there and back
+        weights = [p for p in backbone.train().parameters() if p.ndim == 4]
+        assert all(weight.is_contiguous() for weight in weights)
+        expected = backbone(images)
+        expected.sum().backward()
+        optimizer.step()
+        states = [optimizer.state[weight]["exp_avg"] for weight in weights]
+        assert all(state.is_contiguous() for state in states)  # or LeRobot could not save them
+        expected = backbone(images)
+        backbone.eval()
+        assert all(weight.is_contiguous(memory_format=torch.channels_last) for weight in weights)
+        torch.testing.assert_close(backbone(images), expected, rtol=1e-4, atol=1e-4)
 
 
 def test_small_cnn_is_small():
