@@ -111,7 +111,7 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](PreTrainedPolic
     def select_action(self, batch: Batch, **_: Any) -> Tensor:
         """The normalised action (B, A) of this control step. Call `reset` at the start of each rollout."""
         observation = Observation.from_lerobot(batch, self.feature_spec)
-        self._window.push(observation)
+        self._window.push(self._perceive(observation))
 
         def predict(envs: Environments) -> Tensor:
             self.eval()
@@ -127,8 +127,12 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](PreTrainedPolic
         if has_time_axis(batch, self.feature_spec):
             return Observation.window_from_lerobot(batch, self.feature_spec, self.config.n_obs_steps)
         window = ObservationWindow(self.config.n_obs_steps) if alone else self._window
-        window.push(Observation.from_lerobot(batch, self.feature_spec))
+        window.push(self._perceive(Observation.from_lerobot(batch, self.feature_spec)))
         return window.stack()
+
+    def _perceive(self, observation: Observation) -> Observation:
+        """What the window keeps of the current observation (B, ...); a policy may keep features of images."""
+        return observation
 
     def reset(self, envs: Sequence[int] | Tensor | None = None) -> None:
         """Forget all observations and chunks: a new rollout begins, in all environments or in these alone."""

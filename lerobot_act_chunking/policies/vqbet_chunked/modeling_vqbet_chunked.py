@@ -243,6 +243,16 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
         steps = upsample(needed, config.chunk_stride, config.gripper_dims)[:, :n_steps]
         return steps.unflatten(0, (n_samples, n_envs))
 
+    @torch.no_grad()
+    def _perceive(self, observation: Observation) -> Observation:
+        """Images as features, if each will be needed: encoded as they come, they do not delay the chunk."""
+        if not self._sees_at_once:
+            return observation
+        self.eval()
+        seen = self._network.history.look(observation.as_window().images)
+        features = {key: value[:, 0] for key, value in seen.items()}
+        return Observation(vectors=observation.vectors | features, images={})
+
     def reset(self, envs: Sequence[int] | Tensor | None = None) -> None:
         """Forget observations and chunks and draw anew: a new rollout, everywhere or in these."""
         super().reset(envs)
@@ -250,6 +260,7 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
             config = self.config
             held = config.code_hold == "episode"
             self._draws = CodeDraws(config.noise_seed, self.tokenizer.n_codes, held=held)
+            self._sees_at_once = 1 < config.n_obs_steps >= config.execution_settings.replan_interval
         else:
             self._draws.reset(indices(envs).tolist())
 
