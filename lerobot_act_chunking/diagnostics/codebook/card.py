@@ -29,6 +29,8 @@ def print_card(report: CodebookReport, console: Console) -> None:
     if report.uses:
         console.print(_uses_table(report.uses))
     facts = Table(show_header=False, box=None, pad_edge=False)
+    facts.add_column()
+    facts.add_column(overflow="fold")
     for row in _rows(report):
         facts.add_row(*row)
     console.print(facts)
