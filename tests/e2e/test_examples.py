@@ -41,6 +41,10 @@ def test_the_examples_build_on_each_other(tmp_path):
     assert executed.count("/2 episodes, 95 % Wilson interval") == 4
     assert "network calls per episode 16.0" in executed
 
+    codes = run("06_actions_as_codes.py", "--root", str(data), "--steps", "20")
+    assert "dct: 70 codes, 422 bits, error 0." in codes
+    assert codes.count(" of half the range") == 4
+
 
 def test_every_example_is_run_and_short():
     scripts = sorted(EXAMPLES.glob("*.py"))
