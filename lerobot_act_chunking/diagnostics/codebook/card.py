@@ -127,7 +127,7 @@ def _drift(drift: Drift) -> str:
     return (
         f"{drift.folder}, {drift.chunks} chunks\n"
         f"codes {distances} Jensen-Shannon distance by level{chance}\n"
-        f"errors {drift.error_ratio:.2f} times as large, {drift.beyond:.1%} of the chunks beyond 99 % there"
+        f"errors {drift.error_ratio:.2f} times the training's, {drift.beyond:.1%} of chunks beyond its 99 %"
     )
 
 

@@ -22,11 +22,12 @@ def plot_report(report: CodebookReport, path: Path) -> Path:
 
     drawn = report.uses[:MOST_CODES]
     rows = -(-len(drawn) // COLUMNS)
-    figure = Figure(figsize=(15, 4.4 + 2.5 * rows), layout="constrained")
+    height = 2.5 if isinstance(report.measure, RawUnits) else 1.9
+    figure = Figure(figsize=(15, 4.4 + height * rows), layout="constrained")
     figure.suptitle(f"{describe(report.subject, report.demonstrations.fps)}: {report.judgement.verdict}")
     upper: Any = figure
     if rows:
-        parts: Any = figure.subfigures(2, 1, height_ratios=(4, 2.5 * rows))
+        parts: Any = figure.subfigures(2, 1, height_ratios=(4, height * rows))
         upper, lower = parts
         _draw_codes(lower, report, drawn)
     usage, errors, last = upper.subplots(1, 3, width_ratios=(1, 1.1, 1))
@@ -62,6 +63,7 @@ def _draw_usage(ax: Any, report: CodebookReport) -> None:
     ax.axhline(1 / vocabulary, color="0.6", linewidth=0.8, linestyle="--")
     ax.set(xlabel="values of the code, most frequent first", ylabel="share of the chunks", title="Usage")
     ax.set_ylim(bottom=0)
+    ax.xaxis.get_major_locator().set_params(integer=True)
     ax.legend(fontsize=8)
 
 
