@@ -24,23 +24,24 @@ TRAIN_TOKENIZER = (
     *("--chunk-size", str(POLICY["chunk_size"]), "--chunk-stride", str(POLICY["chunk_stride"])),
 )
 
-# Hundreds of codes, one after the other, would take hours to train on a core: all at once.
+# Up to 280 codes, one after the other, would take hours to train on a core: all at once. As many bins for
+# `uniform` as give it about as many logits as `dct` has.
 TOKENIZERS = {
     "fsq": ours(tokenizer="fsq"),
     "dct": ours(tokenizer="dct", sequentially_select=False),
+    "uniform": ours(tokenizer="uniform", n_bins=17, sequentially_select=False),
     "apart": ours(TRAIN_TOKENIZER, tokenizer_path="{folder}/tokenizer.safetensors"),
     "joint": ours(tokenizer_training="joint", use_ema=False),
     "residual_vq_4_levels": ours(vqvae_num_layers=4),
-    "uniform": ours(tokenizer="uniform", sequentially_select=False),
 }
 
 PARTS = {
     "no_offset": ours(offset_loss_weight=0),
-    "sampled_target": ours(offset_target="sampled"),
-    "table": ours(offset_mode="table"),
     "parallel": ours(sequentially_select=False),
     "two_observations": ours(n_obs_steps=2),
+    "sampled_target": ours(offset_target="sampled"),
     "every_step": ours(chunk_size=50, chunk_stride=1),
+    "table": ours(offset_mode="table"),
 }
 
 VARIANTS = {"recipe": ours(), **TOKENIZERS, **PARTS}
@@ -68,8 +69,10 @@ def sampling(task: str) -> Iterator[Run]:
     """How codes are chosen."""
     for temperature in (0.0, 0.1):
         yield Run(task, "recipe", sampling={"bet_softmax_temperature": temperature})
+    for name in ("dct", "uniform"):
+        yield Run(task, name, sampling={"bet_softmax_temperature": 0.0})
     yield Run(task, "recipe", sampling={"code_hold": "episode"})
-    yield Run(task, "recipe", sampling={"execution": "open_loop", "n_action_steps": 50})
+    yield Run(task, "recipe", sampling={"execution": "open_loop", "replan_interval": None})
 
 
 STUDIES = {"recipe": recipe, "tokenizers": tokenizers, "parts": parts, "sampling": sampling}

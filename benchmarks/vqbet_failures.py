@@ -1,0 +1,53 @@
+"""Where the recipe of docs/vqbet.md fails: how far from the demonstrations those episodes begin.
+
+    python benchmarks/vqbet_failures.py        # after benchmarks/vqbet_success.py --studies recipe
+
+reads benchmarks/results/vqbet_recipe.json and the recording of `insertion`.
+"""
+
+import json
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pyarrow.parquet as pq
+from execution_study import FIRST_SEED
+
+import lerobot_act_chunking  # noqa: F401  (registers aloha_sim)
+from lerobot_act_chunking.envs.configuration_envs import AlohaSimEnvConfig
+
+RECORDING = Path("outputs/benchmarks/quickstart/insertion/dataset/data")
+RESULTS = Path("benchmarks/results/vqbet_recipe.json")
+PLACES = [0, 1, 7, 8]
+"""Of the environment state: x and y of both objects [m]."""
+
+
+def demonstrated() -> np.ndarray:
+    """Where the objects lie when demonstrations begin, (N, 4)."""
+    table = pq.read_table(RECORDING, columns=["frame_index", "observation.environment_state"])
+    states = np.stack(table["observation.environment_state"].to_numpy())
+    return states[np.array(table["frame_index"]) == 0][:, PLACES]
+
+
+def evaluated(episodes: int) -> np.ndarray:
+    """Where they lie when the evaluated episodes begin, (N, 4)."""
+    config = AlohaSimEnvConfig(task="insertion", obs_type="state")
+    env = gym.make(config.gym_id, disable_env_checker=True, **config.gym_kwargs)
+    seeds = range(FIRST_SEED, FIRST_SEED + episodes)
+    return np.stack([env.reset(seed=seed)[0]["environment_state"][PLACES] for seed in seeds])
+
+
+def main() -> None:
+    cells = [cell for cell in json.loads(RESULTS.read_text()) if cell["run"]["task"] == "insertion"]
+    episodes = cells[0]["episodes"]
+    failed = np.zeros(episodes, dtype=int)
+    for cell in cells:
+        failed[np.array(cell["failed_seeds"], dtype=int) - FIRST_SEED] += 1
+    starts, demos = evaluated(episodes), demonstrated()
+    beyond = ((starts < demos.min(0)) | (starts > demos.max(0))).any(1)
+    for name, group in (("beyond the demonstrations' range", beyond), ("within it", ~beyond)):
+        print(f"{name}: {failed[group].sum()} failures in {len(cells) * group.sum()} episodes")
+
+
+if __name__ == "__main__":
+    main()
