@@ -118,6 +118,7 @@ class Regression(nn.Module):
 
 def make(learner: Learner) -> Any:
     """A fresh policy of 2-D positions, or a regression with its trunk."""
+    register_third_party_plugins()
     inputs = {"observation.state": PolicyFeature(FeatureType.STATE, (2,))}
     outputs = {"action": PolicyFeature(FeatureType.ACTION, (2,))}
     config = PreTrainedConfig.get_choice_class(learner.policy)(
@@ -235,7 +236,6 @@ def main() -> None:
     parser.add_argument("--json", type=Path, default=Path("benchmarks/results/planted_modes.json"))
     parser.add_argument("--out", type=Path, default=Path("docs/images/planted_modes.png"))
     arguments = parser.parse_args()
-    register_third_party_plugins()
     console = Console(width=120)
     results: list[Result] = []
     for planted in PLANTED:

@@ -25,7 +25,7 @@ class Fitted:
         bits: per chunk.
         entropy_bits: per chunk, if frequent values cost less.
         losses: on the episodes held out.
-        seconds: that fitting took.
+        seconds: of CPU that fitting took.
     """
 
     candidate: Candidate

@@ -33,11 +33,11 @@ def print_comparison(report: ComparisonReport, console: Console) -> None:
 
 
 def _table(report: ComparisonReport) -> Table:
-    table = Table(box=None, pad_edge=False)
+    table = Table(box=None, pad_edge=False, collapse_padding=True)
     losses = report.fitted[0].losses
     points = [f"\\[{losses.unit}]"] if losses.points else []
     table.add_column("tokenizer", no_wrap=True)
-    for name in ("tokens", "bits", "lost", "most lost", *points, "fit \\[s]"):
+    for name in ("tokens", "bits", "lost", "most lost", *points, "CPU s"):
         table.add_column(name, justify="right", no_wrap=True)
     for fitted in report.fitted:
         table.add_row(*_row(fitted, fitted is report.recommended))
