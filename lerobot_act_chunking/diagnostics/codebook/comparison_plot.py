@@ -37,9 +37,11 @@ def _draw_bits(ax: Any, report: ComparisonReport) -> None:
         ax.plot(x, y, marker, color=f"C{i}", label=kind, linestyle=":", linewidth=1)
         for each, at, lost in zip(of_kind, x, y, strict=True):
             label = each.candidate.name.removeprefix(f"{kind} ")
-            below = kind == "fsq"  # about as many bits as residual_vq
-            style = {"fontsize": 8, "color": f"C{i}", "va": "top" if below else "bottom"}
-            ax.annotate(label, (at, lost), (6, -4 if below else 3), textcoords="offset points", **style)
+            right, below = kind != "residual_vq", kind in ("fsq", "dct")  # where others are not
+            place = (6 if right else -6, -4 if below else 3)
+            aligned = {"ha": "left" if right else "right", "va": "top" if below else "bottom"}
+            style = {"fontsize": 8, "color": f"C{i}", **aligned}
+            ax.annotate(label, (at, lost), place, textcoords="offset points", **style)
     allowed = 100 * report.thresholds.lost_variance[0]
     ax.axhline(allowed, color="black", linewidth=1, linestyle=(0, (6, 2, 1, 2)), label="allowed")
     best = report.recommended
