@@ -73,7 +73,10 @@ class SameReader(Variant):
     would be that.
     """
 
-    is_lerobot = False
+    @property
+    def is_lerobot(self) -> bool:
+        """Not as to the reader."""
+        return False
 
 
 VARIANTS = {
@@ -167,13 +170,13 @@ def keep_as_images(video: Path, story: Story) -> None:
     shutil.rmtree(part, ignore_errors=True)
     copy = LeRobotDataset.create(story.repo_id, recorded.fps, features, root=part, use_videos=False)
     table = recorded.hf_dataset.select_columns(["observation.state", "action", "episode_index"])
-    rows = list(table.with_format("numpy"))
+    rows: list[Any] = list(table.with_format("numpy"))
     following = [*(row["episode_index"] for row in rows[1:]), None]
     for row, after, frame in zip(rows, following, frames(video), strict=True):
         copy.add_frame(
             {key: row[key] for key in ("observation.state", "action")} | {image: frame, "task": TASK}
         )
-        if after != np.asarray(row["episode_index"]):
+        if after != row["episode_index"]:
             copy.save_episode()
     copy.finalize()
     part.rename(story.dataset)
@@ -203,7 +206,7 @@ def evaluate(name: str, training: Training, episodes: int) -> Cell:
         env_config = environment(loaded.policy.config)
         for first in range(0, len(seeds), N_ENVS):
             group = seeds[first : first + N_ENVS]
-            acted = {each.seed: stage(each) for each in act(loaded, env_config, group)}
+            acted = {each.seed: how_far(each) for each in act(loaded, env_config, group)}
             stages |= dict.fromkeys(group, 0) | acted
             path.write_text(json.dumps(stages))
     return Cell(name, training.facts, stages)
@@ -217,7 +220,7 @@ def environment(config: Any) -> SeldomRenderedConfig:
     return SeldomRenderedConfig(**{each.name: getattr(usual, each.name) for each in fields(usual)})
 
 
-def stage(episode: "Rollout") -> int:
+def how_far(episode: "Rollout") -> int:
     """How far an episode came.
 
     Raises:
