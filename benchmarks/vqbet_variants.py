@@ -69,10 +69,8 @@ def sampling(task: str) -> Iterator[Run]:
     """How codes are chosen."""
     for temperature in (0.0, 0.1):
         yield Run(task, "recipe", sampling={"bet_softmax_temperature": temperature})
-    for name in ("dct", "uniform"):
-        yield Run(task, name, sampling={"bet_softmax_temperature": 0.0})
     yield Run(task, "recipe", sampling={"code_hold": "episode"})
-    yield Run(task, "recipe", sampling={"execution": "open_loop", "replan_interval": None})
+    yield Run(task, "dct", sampling={"bet_softmax_temperature": 0.0})
 
 
 STUDIES = {"recipe": recipe, "tokenizers": tokenizers, "parts": parts, "sampling": sampling}
