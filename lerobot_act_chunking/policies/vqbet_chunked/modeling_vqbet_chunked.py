@@ -58,6 +58,7 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
         self.tokenizer_phase = TokenizerPhase(
             config.tokenizer_steps, joint=config.tokenizer_training == "joint"
         )
+        self.windows: Tensor
         self.register_buffer("windows", torch.tensor(config.queries.windows), persistent=False)
         return build_network(config, self.tokenizer, backbone_weights)
 
@@ -248,7 +249,8 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
         """Images as features, if each will be needed: encoded as they come, they do not delay the chunk."""
         if not self._sees_at_once:
             return observation
-        self.eval()
+        if self.training:
+            self.eval()
         seen = self._network.history.look(observation.as_window().images)
         features = {key: value[:, 0] for key, value in seen.items()}
         return Observation(vectors=observation.vectors | features, images={})
