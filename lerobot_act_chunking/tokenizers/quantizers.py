@@ -165,7 +165,8 @@ class MovingCodebooks(Quantizer):
     def vectors(self, codes: Int64[Tensor, "N G"]) -> Float[Tensor, "N D"]:
         """The sums of these codes' vectors; the library's own look-up takes ten times as long."""
         levels = torch.arange(self.n_codes, device=codes.device)
-        return self.levels.codebooks[levels, codes].sum(1)
+        codebooks: Tensor = self.levels.codebooks  # pyright: ignore[reportAssignmentType]  (a property)
+        return codebooks[levels, codes].sum(1)
 
     def quantize(self, encodings: Float[Tensor, "N D"], teaches: Bool[Tensor, " N"], seed: int) -> Quantized:
         """Quantise a batch by the codes as they are and, in training mode, then move them."""

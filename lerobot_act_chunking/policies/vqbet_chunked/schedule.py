@@ -21,7 +21,7 @@ class TokenizerThenPolicySchedulerConfig(LRSchedulerConfig):
         cosine: decay over the steps that remain.
     """
 
-    num_warmup_steps: int
+    num_warmup_steps: int  # pyright: ignore[reportIncompatibleVariableOverride]  (as LeRobot's own)
     num_tokenizer_steps: int
     cosine: bool
 
