@@ -130,3 +130,9 @@ def test_what_cannot_be_compared():
         compared(waves(1))
     with pytest.raises(ConfigurationError, match="steps=0 must be at least 1"):
         compared(steps=0)
+
+
+def test_nothing_is_fitted_to_what_is_held_out():
+    seen, held_out = fitting._split(waves(10))
+    assert list(seen.episodes) == list(range(8))
+    assert list(held_out.episodes) == [8, 9]
