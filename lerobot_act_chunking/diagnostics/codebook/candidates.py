@@ -1,4 +1,4 @@
-"""The tokenisers that are compared, in a few sizes each."""
+"""The tokenizers that are compared, in a few sizes each."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -22,7 +22,7 @@ _SIZES: tuple[dict[str, Any], ...] = (
 
 @dataclass(frozen=True)
 class Candidate:
-    """A tokeniser.
+    """A tokenizer.
 
     Attributes:
         settings: those that matter for its kind, by the names of the policy's configuration.

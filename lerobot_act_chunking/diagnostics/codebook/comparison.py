@@ -1,4 +1,4 @@
-"""Which tokeniser suits a dataset, as one object: the command prints it, JSON holds it, plots draw it."""
+"""Which tokenizer suits a dataset, as one object: the command prints it, JSON holds it, plots draw it."""
 
 import json
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from lerobot_act_chunking.diagnostics.codebook.verdict import Judgement, Thresho
 
 @dataclass(frozen=True)
 class Fitted:
-    """One tokeniser, fitted to most episodes and tried on the others.
+    """One tokenizer, fitted to most episodes and tried on the others.
 
     Attributes:
         tokens: per chunk.
@@ -39,7 +39,7 @@ class Fitted:
 
 @dataclass(frozen=True)
 class ComparisonReport:
-    """The answer to: which tokeniser suits these demonstrations?
+    """The answer to: which tokenizer suits these demonstrations?
 
     Attributes:
         held_out: episodes that the errors are those of.

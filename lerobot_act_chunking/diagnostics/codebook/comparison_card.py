@@ -1,4 +1,4 @@
-"""The comparison of tokenisers on a terminal."""
+"""The comparison of tokenizers on a terminal."""
 
 from rich.console import Console
 from rich.markup import escape
@@ -15,7 +15,7 @@ NOTE = (
 
 
 def print_comparison(report: ComparisonReport, console: Console) -> None:
-    """Print what each tokeniser costs and loses, and which one to take."""
+    """Print what each tokenizer costs and loses, and which one to take."""
     timing, demonstrations = report.timing, report.demonstrations
     seconds = timing.control_steps / demonstrations.fps
     title = f"Tokenizers for {timing.chunk_size} actions, {seconds:.2g} s"

@@ -1,4 +1,4 @@
-"""The comparison of tokenisers as a picture."""
+"""The comparison of tokenizers as a picture."""
 
 from pathlib import Path
 from typing import Any
@@ -63,7 +63,7 @@ def _draw_bits(ax: Any, report: ComparisonReport) -> None:
 
 
 def _draw_dimensions(ax: Any, report: ComparisonReport) -> None:
-    """Mean error of each dimension and tokeniser in raw units; the colour is the share of variance lost."""
+    """Mean error of each dimension and tokenizer in raw units; the colour is the share of variance lost."""
     losses = [each.losses.dimensions for each in report.fitted]
     shares = np.array(
         [[np.nan if loss.lost_variance is None else loss.lost_variance for loss in of] for of in losses]

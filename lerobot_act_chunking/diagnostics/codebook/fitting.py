@@ -1,4 +1,4 @@
-"""All tokenisers, like for like: fitted to most episodes of a dataset, tried on the others."""
+"""All tokenizers, like for like: fitted to most episodes of a dataset, tried on the others."""
 
 from collections.abc import Callable, Iterable, Sequence
 from time import process_time
@@ -113,7 +113,7 @@ class _Trial:
 def fit(
     tokenizer: ActionTokenizer, actions: Tensor, chunks: DemonstratedChunks, steps: int, seed: int
 ) -> None:
-    """Train a tokeniser briefly on normalised actions (N, C, A) of chunks, at a rate that falls to zero."""
+    """Train a tokenizer briefly on normalised actions (N, C, A) of chunks, at a rate that falls to zero."""
     optimizer = torch.optim.AdamW(tokenizer.parameters(), LEARNING_RATE, weight_decay=1e-4, fused=True)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
     generator = torch.Generator().manual_seed(seed)

@@ -39,7 +39,7 @@ class CodebookReport:
         coded: these, coded.
         uses: what each value of the first code does; empty where codes do not refine one another.
         drift: of other data, if any were given.
-        other_usage: of the codes there.
+        other: these data, coded.
     """
 
     subject: Subject
