@@ -1,4 +1,4 @@
-"""All tokenisers on one dataset."""
+"""All tokenizers on one dataset."""
 
 import io
 import json
