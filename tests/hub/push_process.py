@@ -1,11 +1,12 @@
 """A process of its own that pushes numbered versions of one large file until it is done, or killed.
 
-Usage: python push_process.py HUB REPO_ID FILE_NAME FIRST COUNT SIZE
+Usage: python push_process.py HUB REPO_ID FILE FIRST COUNT SIZE
+
+FILE lies in a folder of its own, which is what is pushed. Whoever starts the process removes it: it may be killed.
 """
 
 import hashlib
 import sys
-import tempfile
 from pathlib import Path
 
 from huggingface_hub import HfApi
@@ -32,17 +33,16 @@ def version_of(content: bytes) -> int:
 
 
 def main() -> None:
-    hub, repo_id, name, first, count, size = sys.argv[1:]
+    hub, repo_id, file, first, count, size = sys.argv[1:]
     route_to(LocalHub(hub))
     api = HfApi()
-    with tempfile.TemporaryDirectory() as scratch:
-        source = Path(scratch) / name
-        print("ready", flush=True)
-        for number in range(int(first), int(first) + int(count)):
-            write_version(source, number, int(size))
-            api.create_repo(repo_id, exist_ok=True)
-            api.upload_folder(repo_id=repo_id, folder_path=scratch, commit_message=f"version {number}")
-            print(f"pushed {number}", flush=True)
+    source = Path(file)
+    print("ready", flush=True)
+    for number in range(int(first), int(first) + int(count)):
+        write_version(source, number, int(size))
+        api.create_repo(repo_id, exist_ok=True)
+        api.upload_folder(repo_id=repo_id, folder_path=source.parent, commit_message=f"version {number}")
+        print(f"pushed {number}", flush=True)
 
 
 if __name__ == "__main__":

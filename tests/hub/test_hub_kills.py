@@ -24,7 +24,10 @@ SCRIPT = Path(__file__).with_name("push_process.py")
 
 
 def start(hub: LocalHub, name: str, first: int, count: int, size: int) -> subprocess.Popen[str]:
-    command = [sys.executable, "-W", "ignore", str(SCRIPT), str(hub.root), MODEL.repo_id, name]
+    folder = hub.root.with_name(f"pushed from {name}")
+    folder.mkdir(exist_ok=True)
+    file = str(folder / name)
+    command = [sys.executable, "-W", "ignore", str(SCRIPT), str(hub.root), MODEL.repo_id, file]
     arguments = [*command, str(first), str(count), str(size)]
     environment = {
         **os.environ,
