@@ -2,7 +2,8 @@
 
 Usage: python push_process.py HUB REPO_ID FILE FIRST COUNT SIZE
 
-FILE lies in a folder of its own, which is what is pushed. Whoever starts the process removes it: it may be killed.
+FILE lies in a folder of its own, which is what is pushed. The folder is the caller's to remove: this process
+may be killed.
 """
 
 import hashlib
