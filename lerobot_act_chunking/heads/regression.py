@@ -1,22 +1,31 @@
 """Direct regression of the actions."""
 
+from typing import Literal
+
 from jaxtyping import Float
-from torch import Tensor, nn
+from torch import Tensor
+
+from lerobot_act_chunking.heads.action_head import ElementHead
 
 
-class RegressionHead(nn.Module):
-    """One linear layer from query features to actions, scored by the absolute error (ACT's L1).
+class RegressionHead(ElementHead):
+    """One linear layer from query features to actions, scored by their absolute or squared error.
 
-    Each query may emit several consecutive actions: a chunk of T steps then needs only T /
-    ``actions_per_query`` queries, which are most of the cost of a small policy.
+    Where demonstrations differ, the absolute error (ACT's) finds the median of each element, that of the
+    majority's way; the squared error the mean, which may be nobody's.
+
+    Args:
+        dim: width D of features.
+        action_dim: A.
+        actions_per_query: consecutive actions of each query.
+        power: of the error.
     """
 
-    def __init__(self, dim: int, action_dim: int, actions_per_query: int):
-        super().__init__()
-        self.actions_per_query = actions_per_query
-        self.projection = nn.Linear(dim, actions_per_query * action_dim)
+    def __init__(self, dim: int, action_dim: int, actions_per_query: int, power: Literal[1, 2] = 1):
+        super().__init__(dim, action_dim, actions_per_query, n_parameters=1)
+        self.power = power
 
-    def forward(self, features: Float[Tensor, "B Q D"]) -> Float[Tensor, "B T A"]:
+    def forward(self, features: Float[Tensor, "B q D"]) -> Float[Tensor, "B t A"]:
         """Actions of every step, in order."""
         return self.projection(features).unflatten(-1, (self.actions_per_query, -1)).flatten(1, 2)
 
@@ -24,4 +33,14 @@ class RegressionHead(nn.Module):
         self, predicted: Float[Tensor, "B T A"], target: Float[Tensor, "B T A"]
     ) -> Float[Tensor, "B T A"]:
         """Error of each action element, in normalised action units."""
-        return (predicted - target).abs()
+        return (predicted - target).abs() if self.power == 1 else (predicted - target).square()
+
+    def element_loss(
+        self, features: Float[Tensor, "B Q D"], actions: Float[Tensor, "B T A"]
+    ) -> Float[Tensor, "B T A"]:
+        """Error of each element, in normalised action units (squared with ``power`` 2)."""
+        return self.error(self(features), actions)
+
+    def choose(self, features: Float[Tensor, "B q D"], draws: Tensor | None) -> Float[Tensor, "B t A"]:
+        """The prediction."""
+        return self(features)

@@ -1,0 +1,71 @@
+"""Actions in bins: any distribution of every element, with several modes if need be."""
+
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from lerobot_act_chunking.heads.action_head import ElementHead
+from lerobot_act_chunking.heads.categorical_bins import cross_entropy, soft_local, soft_targets
+from lerobot_act_chunking.heads.codes import pick
+
+
+class CategoricalHead(ElementHead):
+    """Logits of equal bins over [-1, 1] for every element, scored by cross-entropy against soft targets.
+
+    Soft targets (HL-Gauss) tell neighbouring bins from far ones. Elements are independent given the features:
+    what must go together, such as the steps of one of several ways, a latent or an autoregressive decoder
+    has to decide.
+
+    Args:
+        dim: width D of features.
+        action_dim: A.
+        actions_per_query: consecutive actions of each query.
+        n_queries: Q.
+        n_bins: M.
+        sigma: standard deviation of the soft targets, in bins; 0 for none.
+        soft_local_bins: an action is the expected one within this many bins of the chosen; 0: its centre.
+        temperature: divides the logits when sampling; 0 takes the likeliest bin.
+        top_k: samples are among this many likeliest bins; 0 for all.
+    """
+
+    def __init__(
+        self,
+        dim: int,
+        action_dim: int,
+        actions_per_query: int,
+        *,
+        n_queries: int,
+        n_bins: int,
+        sigma: float,
+        soft_local_bins: int,
+        temperature: float,
+        top_k: int,
+    ):
+        super().__init__(dim, action_dim, actions_per_query, n_parameters=n_bins)
+        self.n_bins, self.sigma = n_bins, sigma
+        self.soft_local_bins, self.temperature, self.top_k = soft_local_bins, temperature, top_k
+        if temperature > 0:
+            self.draws_shape = (n_queries * actions_per_query, action_dim)
+
+    def element_loss(
+        self, features: Float[Tensor, "B Q D"], actions: Float[Tensor, "B T A"]
+    ) -> Float[Tensor, "B T A"]:
+        """Cross-entropy of each element [nats]."""
+        logits = self.parameters_of(features)
+        return cross_entropy(logits, *soft_targets(actions.to(logits), self.n_bins, self.sigma))
+
+    def choose(
+        self, features: Float[Tensor, "B q D"], draws: Float[Tensor, "B t A"] | None
+    ) -> Float[Tensor, "B t A"]:
+        """The actions of the likeliest bins, or of sampled ones."""
+        logits = self.parameters_of(features)
+        bins = logits.argmax(-1) if draws is None else self._sample(logits, draws)
+        return soft_local(logits, bins, self.soft_local_bins)
+
+    def _sample(
+        self, logits: Float[Tensor, "B t A M"], draws: Float[Tensor, "B t A"]
+    ) -> Int64[Tensor, "B t A"]:
+        if not self.top_k:
+            return pick(logits, draws, temperature=self.temperature, top_p=1.0)
+        likeliest, bins = logits.topk(self.top_k)
+        rank = pick(likeliest, draws, temperature=self.temperature, top_p=1.0)
+        return bins.take_along_dim(rank[..., None], dim=-1)[..., 0]

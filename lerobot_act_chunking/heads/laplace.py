@@ -1,0 +1,61 @@
+"""Actions with a Laplace distribution around the prediction: L1 with a learned scale."""
+
+import math
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from lerobot_act_chunking.heads.action_head import ElementHead
+from lerobot_act_chunking.heads.action_scale import BoundedScale, open_interval
+
+
+class LaplaceHead(ElementHead):
+    """Location mu and scale b of every element, scored by their negative log-likelihood.
+
+    ``|a - mu| / b + log 2b`` is L1 weighted by how sure the network is. Samples have density ``p^(1/tau)``,
+    a Laplace one of scale ``tau b``.
+
+    Args:
+        dim: width D of features.
+        action_dim: A.
+        actions_per_query: consecutive actions of each query.
+        n_queries: Q.
+        min_std: least standard deviation, sqrt(2) b, in normalised action units.
+        temperature: tau; 0 takes mu.
+    """
+
+    def __init__(
+        self,
+        dim: int,
+        action_dim: int,
+        actions_per_query: int,
+        *,
+        n_queries: int,
+        min_std: float,
+        temperature: float,
+    ):
+        super().__init__(dim, action_dim, actions_per_query, n_parameters=2)
+        self.scale = BoundedScale(min_std / math.sqrt(2))
+        self.temperature = temperature
+        if temperature > 0:
+            self.draws_shape = (n_queries * actions_per_query, action_dim)
+
+    def element_loss(
+        self, features: Float[Tensor, "B Q D"], actions: Float[Tensor, "B T A"]
+    ) -> Float[Tensor, "B T A"]:
+        """Negative log-likelihood of each element [nats]."""
+        location, raw = self.parameters_of(features).unbind(-1)
+        log_scale = self.scale.log(raw)
+        return (actions - location).abs() * (-log_scale).exp() + log_scale + math.log(2)
+
+    def choose(
+        self, features: Float[Tensor, "B q D"], draws: Float[Tensor, "B t A"] | None
+    ) -> Float[Tensor, "B t A"]:
+        """The locations, or samples by inverse transform."""
+        location, raw = self.parameters_of(features).unbind(-1)
+        if draws is None:
+            return location
+        centred = open_interval(draws.to(location)) - 0.5
+        magnitude = -torch.log1p(-2 * centred.abs())
+        return location + self.temperature * self.scale.log(raw).exp() * centred.sign() * magnitude
