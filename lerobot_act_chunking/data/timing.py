@@ -12,7 +12,7 @@ class ChunkTiming:
     ==============  ==================================================  ==============
     what            steps                                               count
     ==============  ==================================================  ==============
-    observations    t - n_obs_steps + 1 ... t                           n_obs_steps
+    observations    t - (n_obs_steps - 1) * obs_stride ... t            n_obs_steps
     predictions     t, t + chunk_stride ... t + control_steps - 1       chunk_size
       first_obs     t - n_obs_steps + 1 ... t + control_steps - 1       horizon
     interpolated    t ... t + control_steps - 1                         control_steps
@@ -20,25 +20,31 @@ class ChunkTiming:
     next inference  t + replan_interval (`execution.settings`)
     ==============  ==================================================  ==============
 
-    A chunk is the predictions from now on. With ``past_steps`` the network also predicts as many steps before
-    it, as Diffusion Policy does from the first observation on (``align=first_obs``).
+    Observations lie ``obs_stride`` steps apart. A chunk is the predictions from now on. With ``past_steps``
+    the network also predicts as many steps before it, as Diffusion Policy does from the first observation on
+    (``align=first_obs``).
 
     Raises:
-        ConfigurationError: if a count is below 1.
+        ConfigurationError: if a count is below 1, or a stride has nothing to lie between.
     """
 
     n_obs_steps: int
     chunk_size: int
     chunk_stride: int = 1
     past_steps: int = 0
+    obs_stride: int = 1
 
     def __post_init__(self) -> None:
-        for name in ("n_obs_steps", "chunk_size", "chunk_stride"):
+        for name in ("n_obs_steps", "chunk_size", "chunk_stride", "obs_stride"):
             if getattr(self, name) < 1:
                 raise ConfigurationError(f"{name}={getattr(self, name)} must be at least 1")
         if self.chunk_size == 1 and self.chunk_stride > 1:
             raise ConfigurationError(
                 f"chunk_stride={self.chunk_stride} needs a chunk_size of 2 or more to interpolate between"
+            )
+        if self.n_obs_steps == 1 and self.obs_stride > 1:
+            raise ConfigurationError(
+                f"obs_stride={self.obs_stride} needs n_obs_steps of 2 or more to lie that far apart"
             )
 
     @property
@@ -58,7 +64,9 @@ class ChunkTiming:
     @property
     def observation_deltas(self) -> list[int] | None:
         """Steps of the observations; None for the current one alone, loaded without a time axis."""
-        return None if self.n_obs_steps == 1 else list(range(1 - self.n_obs_steps, 1))
+        if self.n_obs_steps == 1:
+            return None
+        return [-age * self.obs_stride for age in reversed(range(self.n_obs_steps))]
 
     @property
     def action_deltas(self) -> list[int]:

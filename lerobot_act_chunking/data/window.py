@@ -10,10 +10,11 @@ class ObservationWindow:
 
     Args:
         n_obs_steps: H, observations in the window.
+        obs_stride: control steps from each to the next.
     """
 
-    def __init__(self, n_obs_steps: int):
-        self._history = ObservationHistory(n_obs_steps) if n_obs_steps > 1 else None
+    def __init__(self, n_obs_steps: int, obs_stride: int = 1):
+        self._history = ObservationHistory(n_obs_steps, obs_stride) if n_obs_steps > 1 else None
 
     def reset(self, envs: Environments = None) -> None:
         """Forget the observations of these environments; all: equal to a fresh window."""
