@@ -7,10 +7,9 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 
-def which_forget(n_samples: int, probability: float, generator: torch.Generator | None) -> Bool[Tensor, " B"]:
+def which_forget(n_samples: int, probability: float, generator: torch.Generator) -> Bool[Tensor, " B"]:
     """The samples of a batch whose past is dropped, each with ``probability``; on the generator's device."""
-    device = None if generator is None else generator.device
-    return torch.rand(n_samples, generator=generator, device=device) < probability
+    return torch.rand(n_samples, generator=generator, device=generator.device) < probability
 
 
 def forget_past(

@@ -37,7 +37,7 @@ class FiniteDifferences(nn.Module):
 
     def forward(self, vectors: Mapping[str, Float[Tensor, "B H _"]]) -> dict[str, Float[Tensor, "B H-1 _"]]:
         """Change from each step to the next, oldest first; zero where the first frame is repeated."""
-        differences = torch.cat([vectors[key] for key in self.dims], dim=-1).float().diff(dim=1)
+        differences = torch.cat([vectors[key] for key in self.dims], dim=-1).diff(dim=1)
         if self.training:
             self._measure(differences.detach())
         return dict(zip(self.dims, (differences / self.scale).split([*self.dims.values()], -1), strict=True))
