@@ -28,10 +28,12 @@ class WeightAverage[NetworkT: nn.Module](nn.Module):
 
     @torch.no_grad()
     def update(self, network: NetworkT) -> None:
-        """Move the average towards ``network``; the first two updates copy it."""
-        ours: list[Tensor] = list(self.network.parameters())
-        theirs: list[Tensor] = list(network.parameters())
-        torch._foreach_lerp_(ours, theirs, 1 - self.decay())  # pyright: ignore[reportPrivateImportUsage]
+        """Move the average towards ``network``; the first two updates copy it. Buffers are always copied."""
+        average: list[Tensor] = list(self.network.parameters())
+        weights: list[Tensor] = list(network.parameters())
+        torch._foreach_lerp_(average, weights, 1 - self.decay())  # pyright: ignore[reportPrivateImportUsage]
+        for mine, buffer in zip(self.network.buffers(), network.buffers(), strict=True):
+            mine.copy_(buffer)
         self.step += 1
 
     @torch.no_grad()

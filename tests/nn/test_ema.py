@@ -47,3 +47,12 @@ def test_restart_begins_anew():
     average.restart(network)
     assert torch.equal(average.network.weight, network.weight)
     assert average.step == 0
+
+
+def test_buffers_are_copied():
+    network = nn.BatchNorm1d(3)
+    average = WeightAverage(network, power=0.75, max_value=0.9)
+    network(torch.randn(5, 3))
+    average.update(network)
+    assert torch.equal(average.network.running_mean, network.running_mean)
+    assert average.network.num_batches_tracked == 1
