@@ -1,0 +1,1 @@
+"""From checkpoints of LeRobot's ``act``, of any version, to checkpoints of `act_chunked`."""
