@@ -4,16 +4,16 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from lerobot_act_chunking.heads.action_head import ElementHead
-from lerobot_act_chunking.heads.categorical_bins import cross_entropy, soft_local, soft_targets
+from lerobot_act_chunking.heads.categorical_bins import bin_limit, cross_entropy, soft_local, soft_targets
 from lerobot_act_chunking.heads.codes import pick
 
 
 class CategoricalHead(ElementHead):
     """Logits of equal bins over [-1, 1] for every element, scored by cross-entropy against soft targets.
 
-    Soft targets (HL-Gauss) tell neighbouring bins from far ones. Elements are independent given the features:
-    what must go together, such as the steps of one of several ways, a latent or an autoregressive decoder
-    has to decide.
+    Soft targets (HL-Gauss, Imani and White 2018) tell neighbouring bins from far ones. Elements are
+    independent given the features: what must go together, such as the steps of one of several ways, a latent
+    or an autoregressive decoder has to decide.
 
     Args:
         dim: width D of features.
@@ -42,6 +42,7 @@ class CategoricalHead(ElementHead):
     ):
         super().__init__(dim, action_dim, actions_per_query, n_parameters=n_bins)
         self.n_bins, self.sigma = n_bins, sigma
+        self.limit = bin_limit(n_bins, sigma)
         self.soft_local_bins, self.temperature, self.top_k = soft_local_bins, temperature, top_k
         if temperature > 0:
             self.draws_shape = (n_queries * actions_per_query, action_dim)
@@ -59,7 +60,7 @@ class CategoricalHead(ElementHead):
         """The actions of the likeliest bins, or of sampled ones."""
         logits = self.parameters_of(features)
         bins = logits.argmax(-1) if draws is None else self._sample(logits, draws)
-        return soft_local(logits, bins, self.soft_local_bins)
+        return soft_local(logits, bins, self.soft_local_bins, self.limit)
 
     def _sample(
         self, logits: Float[Tensor, "B t A M"], draws: Float[Tensor, "B t A"]

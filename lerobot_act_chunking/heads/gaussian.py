@@ -68,7 +68,7 @@ class GaussianHead(ElementHead):
 
 
 def normal_nll(
-    actions: Float[Tensor, "*S"], mean: Float[Tensor, "*S"], log_std: Float[Tensor, "*S"]
+    actions: Float[Tensor, "*#S"], mean: Float[Tensor, "*S"], log_std: Float[Tensor, "*S"]
 ) -> Float[Tensor, "*S"]:
     """Negative log-likelihood [nats] of each action under its normal distribution."""
     return 0.5 * ((actions - mean) * (-log_std).exp()).square() + log_std + HALF_LOG_TAU

@@ -8,6 +8,7 @@ from typing import Any
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 from lerobot_act_chunking.heads.action_head import ActionHead
 from lerobot_act_chunking.heads.categorical import CategoricalHead
+from lerobot_act_chunking.heads.categorical_bins import tail_bins
 from lerobot_act_chunking.heads.gaussian import GaussianHead
 from lerobot_act_chunking.heads.laplace import LaplaceHead
 from lerobot_act_chunking.heads.mixture import MixtureHead
@@ -25,7 +26,7 @@ class HeadSpec:
             (Seitzer et al. 2022).
         min_std: least standard deviation of ``laplace``, ``gaussian`` and ``gmm``, in normalised units.
         n_components: of ``gmm``.
-        n_bins: of ``categorical``.
+        n_bins: of ``categorical``, more than its soft targets need for their tails.
         hl_gauss_sigma: standard deviation of its soft targets, in bins; 0 for none.
         soft_local_bins: its actions are the expected ones within this many bins of the chosen; 0: its centre.
         action_temperature: 0 takes the likeliest action (or component); above 0 they are sampled, with 1 as
@@ -56,24 +57,24 @@ class HeadSpec:
         """
         if self.action_likelihood not in HEADS:
             raise unknown_choice("action_likelihood", self.action_likelihood, HEADS)
-        self._check_range("nll_beta", 0, 1)
-        self._check_range("action_temperature", 0)
+        self._check_range("nll_beta", 0.0, 1.0)
+        self._check_range("action_temperature", 0.0)
         if not 0 < self.min_std < 1:
             raise ConfigurationError(
                 f"min_std={self.min_std} must be above 0 and below 1: normalised actions have a standard "
                 "deviation of about 1"
             )
-        self._check_range("n_components", 1)
-        self._check_range("n_bins", 2)
-        self._check_range("hl_gauss_sigma", 0)
-        self._check_range("soft_local_bins", 0)
-        self._check_range("action_top_k", 0, self.n_bins)
+        self._check_range("n_components", 1.0)
+        self._check_range("hl_gauss_sigma", 0.0)
+        self._check_range("n_bins", 2.0 * (1 + tail_bins(self.hl_gauss_sigma)))
+        self._check_range("soft_local_bins", 0.0)
+        self._check_range("action_top_k", 0.0, float(self.n_bins))
         self._check_sampling()
 
     def _check_range(self, name: str, least: float, most: float = math.inf) -> None:
         value = getattr(self, name)
         if not (least <= value <= most and math.isfinite(value)):
-            limits = f"at least {least}" + (f" and at most {most}" if most < math.inf else ", and finite")
+            limits = f"at least {least:g}" + (f" and at most {most:g}" if most < math.inf else ", and finite")
             raise ConfigurationError(f"{name}={value} must be {limits}")
 
     def _check_sampling(self) -> None:
