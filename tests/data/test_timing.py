@@ -11,6 +11,12 @@ def test_steps_relative_to_now():
     assert timing.control_steps == 5
 
 
+def test_strided_observations_reach_further_back():
+    timing = ChunkTiming(n_obs_steps=3, chunk_size=5, obs_stride=4)
+    assert timing.observation_deltas == [-8, -4, 0]
+    assert timing.action_deltas == [0, 1, 2, 3, 4]
+
+
 def test_strided_predictions_reach_further():
     timing = ChunkTiming(n_obs_steps=1, chunk_size=4, chunk_stride=5)
     assert timing.action_deltas == [0, 5, 10, 15]
@@ -32,7 +38,7 @@ def test_one_observation_has_no_time_axis():
     assert ChunkTiming(n_obs_steps=1, chunk_size=5).observation_deltas is None
 
 
-@pytest.mark.parametrize("name", ["n_obs_steps", "chunk_size", "chunk_stride"])
+@pytest.mark.parametrize("name", ["n_obs_steps", "chunk_size", "chunk_stride", "obs_stride"])
 def test_counts_start_at_one(name):
     counts = {"n_obs_steps": 1, "chunk_size": 5, "chunk_stride": 1, name: 0}
     with pytest.raises(ConfigurationError, match=f"{name}=0 must be at least 1"):
@@ -42,6 +48,11 @@ def test_counts_start_at_one(name):
 def test_a_single_prediction_cannot_be_strided():
     with pytest.raises(ConfigurationError, match="chunk_stride=2 needs a chunk_size of 2 or more"):
         ChunkTiming(n_obs_steps=1, chunk_size=1, chunk_stride=2)
+
+
+def test_a_single_observation_cannot_be_strided():
+    with pytest.raises(ConfigurationError, match="obs_stride=2 needs n_obs_steps of 2 or more"):
+        ChunkTiming(n_obs_steps=1, chunk_size=5, obs_stride=2)
 
 
 def test_a_chunk_must_fit_the_longest_episode():

@@ -24,8 +24,8 @@ def seen(history, envs=None):
     return stacked["state"][:, :, 0].long().tolist()
 
 
-def filled(n_steps, **kwargs):
-    history = ObservationHistory(H)
+def filled(n_steps, stride=1, **kwargs):
+    history = ObservationHistory(H, stride)
     for step in range(n_steps):
         history.push(observation(step, **kwargs))
     return history
@@ -43,6 +43,32 @@ def test_the_first_observation_stands_in_for_those_before(n_steps, expected):
 
 def test_padding_comes_first():
     assert filled(2).is_pad().tolist() == [[True, True, False, False]] * B
+
+
+@pytest.mark.parametrize(
+    ("n_steps", "expected", "n_padded"),
+    [
+        (1, [0, 0, 0, 0], 3),
+        (4, [0, 0, 0, 3], 2),
+        (6, [0, 0, 2, 5], 2),
+        (7, [0, 0, 3, 6], 1),
+        (10, [0, 3, 6, 9], 0),
+        (25, [15, 18, 21, 24], 0),
+    ],
+)
+def test_strided_observations_end_at_the_newest(n_steps, expected, n_padded):
+    history = filled(n_steps, stride=3)
+    assert seen(history) == [[100 * env + step for step in expected] for env in range(B)]
+    assert history.is_pad().tolist() == [[i < n_padded for i in range(H)]] * B
+
+
+def test_strided_environments_start_alone():
+    history = filled(14, stride=3)
+    history.reset(torch.tensor([1]))
+    for step in (14, 15, 16, 17):
+        history.push(observation(step))
+    assert seen(history) == [[8, 11, 14, 17], [114, 114, 114, 117], [208, 211, 214, 217]]
+    assert history.is_pad().tolist() == [[False] * H, [True, True, False, False], [False] * H]
 
 
 def test_environments_start_alone():

@@ -71,7 +71,8 @@ def test_cameras_start_alike_and_learn_an_identity(cameras, images):
 
 def test_either_kind_may_be_absent(cameras, images):
     vectors = VectorTokens({"state": 6}, D)
-    state = {"state": torch.randn(B, 6)}
+    state = {"state": torch.randn(B, 1, 6)}
+    images = {key: value[:, None] for key, value in images.items()}
     for encoder, n in (
         (ObservationEncoder(vectors, None), 1),
         (ObservationEncoder(None, cameras), 20),
@@ -80,3 +81,14 @@ def test_either_kind_may_be_absent(cameras, images):
         tokens, positions = encoder(state, images)
         assert tokens.shape == (B, n, D)
         assert positions.shape == (n, D)
+
+
+def test_one_step_is_the_vectors_and_the_cameras_and_nothing_else(cameras, images):
+    vectors, state = VectorTokens({"state": 6}, D), torch.randn(B, 6)
+    encoder = ObservationEncoder(vectors, cameras)
+    tokens, positions = encoder({"state": state[:, None]}, {k: v[:, None] for k, v in images.items()})
+    cells, places = cameras(images)
+    assert torch.equal(tokens, torch.cat((vectors({"state": state}), cells), dim=1))
+    assert torch.equal(positions, torch.cat((vectors.positions, places)))
+    parts = {name.split(".")[0] for name in encoder.state_dict()}
+    assert parts == {"vectors", "cameras"}
