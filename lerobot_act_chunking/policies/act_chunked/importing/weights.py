@@ -1,7 +1,7 @@
 """The declared map from the parameters of LeRobot's ``act`` to those of `act_chunked`.
 
-Every entry of LeRobot's state dict is consumed exactly once, mapped or dropped for a reason; what is left over
-or missing is an error.
+Every entry of LeRobot's state dict is consumed exactly once, mapped or dropped for a reason; what is left
+over or missing is an error.
 """
 
 from collections.abc import Mapping
