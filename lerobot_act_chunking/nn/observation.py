@@ -109,6 +109,13 @@ class ObservationEncoder(nn.Module):
         self.velocities = None if differences is None else VectorTokens(differences.dims, dim)
         self.time = nn.Parameter(torch.zeros(n_obs_steps, 1, dim)) if n_obs_steps > 1 else None
 
+    @property
+    def n_vector_tokens(self) -> int:
+        """Tokens of vectors and velocities, which stand before the first camera's."""
+        n_vectors = 0 if self.vectors is None else len(self.vectors.keys)
+        n_velocities = 0 if self.velocities is None else len(self.velocities.keys)
+        return n_vectors * self.n_obs_steps + n_velocities * (self.n_obs_steps - 1)
+
     def look(
         self, images: Mapping[str, Float[Tensor, "B *H 3 _ _"]]
     ) -> dict[str, Float[Tensor, "B *H C _ _"]]:

@@ -82,6 +82,26 @@ def test_velocities_follow_the_vectors_from_the_second_step_on(vectors):
             )
 
 
+@pytest.mark.parametrize(
+    ("kinds", "n"),
+    [
+        ({}, 2 * H),
+        ({"velocity": True}, 2 * H + 2 * (H - 1)),
+        ({"vectors": False}, 0),
+        ({"cameras": False}, 2 * H),
+    ],
+)
+def test_images_come_after_the_vectors(vectors, images, kinds, n):
+    encoder = make(**kinds)
+    assert encoder.n_vector_tokens == n
+    if "cameras" in kinds:
+        assert encoder(vectors, {})[0].shape[1] == n
+        return
+    black = {key: torch.zeros_like(value) for key, value in images.items()}
+    same = (encoder(vectors, images)[0] == encoder(vectors, black)[0]).all(-1).all(0)
+    assert same.tolist() == [True] * n + [False] * (len(same) - n)
+
+
 def test_the_newest_images_are_seen_in_full(images):
     encoder = make(vectors=False)
     tokens, positions = encoder({}, images)
