@@ -79,13 +79,12 @@ class MixtureHead(ActionHead):
         normalization: PadNormalization,
     ) -> Float[Tensor, " B"]:
         mean, log_std = self.components(features)
-        nll = normal_nll(actions[:, :, None], mean, log_std).sum(-1)  # (B, T, M)
-        of_components = (nll * ~is_pad[..., None]).sum(1)
-        joint = self.log_weights(features) - of_components
+        nll = normal_nll(actions[:, :, None], mean, log_std) * ~is_pad[..., None, None]  # (B, T, M, A)
+        joint = self.log_weights(features) - nll.sum((1, 3))
         total = -joint.logsumexp(-1)
         if self.training:
             self._count(joint)
-            total = total + self._call(of_components, total)
+            total = total + self._call(nll, log_std, total)
         return per_element(total, is_pad, actions.shape[-1], normalization)
 
     @torch.no_grad()
@@ -93,12 +92,19 @@ class MixtureHead(ActionHead):
         """Update the components' shares by their responsibilities for this batch."""
         self.usage.lerp_(joint.softmax(-1).mean(0).to(self.usage), 1 - USAGE_DECAY)
 
-    def _call(self, of_components: Float[Tensor, "B M"], total: Float[Tensor, " B"]) -> Float[Tensor, " B"]:
-        """The loss of idle components for the chunks whose loss is above the average, by how much it is."""
+    def _call(
+        self, nll: Float[Tensor, "B T M A"], log_std: Float[Tensor, "B T M A"], total: Float[Tensor, " B"]
+    ) -> Float[Tensor, " B"]:
+        """The loss of idle components for the chunks whose loss is above the average, by how much it is.
+
+        It is beta-NLL with beta 1, which draws means as the squared error does: with beta 0, what is far off
+        would rather become wide than come near.
+        """
         excess = (total - total.mean()).detach().clamp_min(0)
         shares = excess / excess.mean().clamp_min(torch.finfo(excess.dtype).tiny)
         idle = self.usage < IDLE_SHARE / len(self.usage)
-        return IDLE_WEIGHT * shares * (of_components * idle).sum(-1)
+        weights = (2 * log_std.detach()).exp() * idle[:, None]
+        return IDLE_WEIGHT * shares * (nll * weights).sum((1, 2, 3))
 
     def _actor(self, draws: Float[Tensor, "B 1"] | None) -> Act:
         chosen: Int64[Tensor, " B"] | None = None
