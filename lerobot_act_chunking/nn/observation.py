@@ -124,8 +124,8 @@ class ObservationEncoder(nn.Module):
 
     def forward(
         self,
-        vectors: Mapping[str, Float[Tensor, "B ..."]],
-        images: Mapping[str, Float[Tensor, "B ..."]],
+        vectors: Mapping[str, Float[Tensor, "B H ..."]],
+        images: Mapping[str, Float[Tensor, "B H 3 _ _"]],
     ) -> Tokens:
         """Tokens and their positions: vectors and velocities step by step, current images, earlier images.
 
@@ -134,9 +134,6 @@ class ObservationEncoder(nn.Module):
                 (see `look`).
             images: of the observed steps, oldest first.
         """
-        if self.n_obs_steps == 1:  # until the policy passes windows
-            vectors = {key: value[:, None] if value.ndim == 2 else value for key, value in vectors.items()}
-            images = {key: value[:, None] if value.ndim == 4 else value for key, value in images.items()}
         parts = []
         if self.vectors is not None:
             parts.append(self._over_time(self.vectors, {key: vectors[key] for key in self.vectors.keys}))
