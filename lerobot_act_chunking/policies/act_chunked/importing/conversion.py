@@ -107,7 +107,8 @@ def convert(checkpoint: ActCheckpoint) -> ActChunkedPolicy:
     try:
         policy.load_state_dict(WeightMap(checkpoint.weights, checkpoint.config).convert(), strict=True)
     except RuntimeError as error:  # sizes that the settings do not explain
-        raise ConfigurationError(f"the weights do not fit the settings: {error}") from error
+        problem = " ".join(str(error).split())
+        raise ConfigurationError(f"the weights do not fit the settings: {problem}") from error
     return policy.eval()
 
 

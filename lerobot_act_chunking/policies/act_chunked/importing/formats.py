@@ -151,8 +151,9 @@ def _parse(folder: Path, settings: dict[str, Any]) -> ACTConfig:
     try:
         config = draccus.decode(ACTConfig, settings)
         config.validate_features()
-    except Exception as error:  # draccus, ValueError, NotImplementedError: all say what is wrong
-        raise ConfigurationError(f"LeRobot refuses the settings of {folder}: {error}") from error
+    except Exception as error:  # draccus hides what LeRobot's own checks say
+        cause = error.__cause__ or error.__context__ or error
+        raise ConfigurationError(f"LeRobot refuses the settings of {folder}: {cause}") from error
     return config
 
 
