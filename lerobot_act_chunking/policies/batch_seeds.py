@@ -4,6 +4,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from lerobot_act_chunking.nn.buffers import keep_missing_buffers
+
 EVALUATION_SEED = 0
 
 
@@ -12,7 +14,7 @@ class BatchSeeds(nn.Module):
 
     Both are saved with the weights. LeRobot restores PyTorch's global generator on resuming, too, but its new
     data loader draws from it before the policy can. In evaluation mode every batch gets the same seed: losses
-    of different checkpoints then differ by their weights alone.
+    of different checkpoints then differ by their weights alone. A checkpoint without them begins anew.
     """
 
     def __init__(self):
@@ -21,6 +23,7 @@ class BatchSeeds(nn.Module):
         self.n_batches: Tensor
         self.register_buffer("seed", torch.tensor(-1))  # drawn from the global generator on first use
         self.register_buffer("n_batches", torch.tensor(0))
+        self.register_load_state_dict_pre_hook(keep_missing_buffers)
 
     def next_seed(self) -> int:
         """The seed of the next batch; ranks of a distributed run have different ones."""

@@ -17,15 +17,26 @@ from lerobot_act_chunking.errors import ConfigurationError, FeatureError, unknow
 from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.hub.preflight import check_push
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields
+from lerobot_act_chunking.policies.seconds import to_chunk_size, to_interval, to_stride
 
 PRESET: Any = None  # default of every field that is decided on construction
+PRETRAINED_LR = 1e-5  # ACT's learning rate of pretrained backbones
+IN_SECONDS = ("prediction_dt", "horizon_s", "replan_s")
 
 
 @dataclass
 class ChunkedConfig(ExecutionFields, PreTrainedConfig):
     """Settings of every policy that predicts chunks from any mix of state vectors and cameras.
 
+    Lengths may be given in seconds instead of control steps. A configuration cannot see the dataset, so
+    ``fps`` is then needed, too; a dataset recorded at another rate is refused.
+
     Attributes:
+        state_keys: state vectors to read (features of type STATE); by default all that there are.
+        fps: control steps per second; only needed for lengths in seconds.
+        horizon_s: time that a chunk covers [s], in place of ``chunk_size`` (``horizon``).
+        prediction_dt: time between two predicted actions [s], in place of ``chunk_stride``.
+        replan_s: time from one chunk to the next [s], in place of ``replan_interval``.
         chunk_stride: control steps between two predicted actions; what lies between is interpolated, so that
             a chunk of few actions covers seconds.
         n_action_steps: how many of a chunk's first actions may be executed [control steps]; by default all.
@@ -40,14 +51,22 @@ class ChunkedConfig(ExecutionFields, PreTrainedConfig):
         ema_power: the average's decay after n updates is ``1 - n ** -ema_power`` ...
         ema_max_value: ... up to this; use 0.999 for runs under 10 000 steps.
         optimizer_lr: AdamW learning rate.
-        optimizer_lr_backbone: the same for the image backbone.
+        optimizer_lr_backbone: the same for the image backbone; by default 1e-5 if it is pretrained, and
+            ``optimizer_lr`` if it starts from scratch.
         optimizer_weight_decay: AdamW weight decay.
         optimizer_betas: AdamW moment decays.
         lr_schedule: ``constant``, or ``cosine`` to zero over the run, both after the warm-up.
         lr_warmup_steps: linear warm-up [optimiser steps].
     """
 
-    chunk_stride: int = 1
+    state_keys: list[str] | None = None
+
+    fps: float | None = None
+    horizon_s: float | None = None
+    prediction_dt: float | None = None
+    replan_s: float | None = None
+
+    chunk_stride: int = PRESET
     n_action_steps: int = PRESET
 
     normalization_mapping: dict[str, NormalizationMode] = PRESET
@@ -62,7 +81,7 @@ class ChunkedConfig(ExecutionFields, PreTrainedConfig):
     ema_max_value: float = 0.9999
 
     optimizer_lr: float = PRESET
-    optimizer_lr_backbone: float = 1e-5
+    optimizer_lr_backbone: float = PRESET
     optimizer_weight_decay: float = 1e-4
     optimizer_betas: tuple[float, float] = PRESET
     lr_schedule: Literal["constant", "cosine"] = PRESET
@@ -86,9 +105,57 @@ class ChunkedConfig(ExecutionFields, PreTrainedConfig):
     def fill_in(self, values: dict[str, Any]) -> None:
         """Set every field that was not given to its value here; given normalisations win one by one."""
         self.normalization_mapping = values["normalization_mapping"] | (self.normalization_mapping or {})
-        for name, value in values.items():
+        for name, value in ({"chunk_stride": 1} | values).items():
             if getattr(self, name) is PRESET:
                 setattr(self, name, value)
+        if self.optimizer_lr_backbone is PRESET:
+            pretrained = self.pretrained_backbone_weights is not None
+            self.optimizer_lr_backbone = PRETRAINED_LR if pretrained else self.optimizer_lr
+
+    def resolve_seconds(self, past_steps: int = 0) -> None:
+        """Turn lengths in seconds into control steps. Comes before `fill_in`: what they decide is given.
+
+        Args:
+            past_steps: predictions before the current step, which the chunk's field counts, too.
+
+        Raises:
+            ConfigurationError: without ``fps``, or if both forms are given and differ.
+        """
+        asked = [name for name in IN_SECONDS if getattr(self, name) is not None]
+        if not asked:
+            return
+        if self.fps is None or not self.fps > 0:
+            raise ConfigurationError(
+                f"{asked[0]}={getattr(self, asked[0])} s needs the control rate: set --policy.fps to the "
+                f"dataset's frames per second (not {self.fps})"
+            )
+        if self.prediction_dt is not None:
+            self._take("chunk_stride", to_stride(self.prediction_dt, self.fps), "prediction_dt")
+        if self.horizon_s is not None:
+            n_predictions = to_chunk_size(self.horizon_s, self.fps, self.chunk_stride or 1)
+            self._take(self.length_name, n_predictions + past_steps, "horizon_s")
+        if self.replan_s is not None:
+            self._take("replan_interval", to_interval(self.replan_s, self.fps), "replan_s")
+
+    def _take(self, name: str, value: int, seconds: str) -> None:
+        given = getattr(self, name)
+        if given is not None and given != value:
+            raise ConfigurationError(
+                f"{seconds}={getattr(self, seconds)} s at fps={self.fps:g} makes {name}={value}, but {name}="
+                f"{given} is given, too: leave one of them out (--policy.{seconds}=null)"
+            )
+        setattr(self, name, value)
+
+    def check_fps(self, fps: float) -> None:
+        """Refuse a dataset whose rate is not the one that lengths in seconds were resolved for.
+
+        Raises:
+            ConfigurationError: naming both.
+        """
+        if self.fps is not None and self.fps != fps:
+            raise ConfigurationError(
+                f"fps={self.fps:g}, but the dataset was recorded at {fps:g} Hz: set --policy.fps={fps:g}"
+            )
 
     def check_choices(self) -> None:
         """Refuse a value that is not among those its field lists.
@@ -133,7 +200,7 @@ class ChunkedConfig(ExecutionFields, PreTrainedConfig):
         inputs = self.input_features or {}
         order = {FeatureType.STATE: 0, FeatureType.ENV: 1}
         vectors = sorted(
-            (key for key, feature in inputs.items() if feature.type in order),
+            (key for key, feature in inputs.items() if feature.type in order and self._reads(key)),
             key=lambda key: (order[inputs[key].type], key != OBS_STATE, key),
         )
         if self.action_feature is None:
@@ -144,12 +211,18 @@ class ChunkedConfig(ExecutionFields, PreTrainedConfig):
             action=tuple(self.action_feature.shape),
         )
 
+    def _reads(self, key: str) -> bool:
+        """Whether the policy reads this vector."""
+        is_state = (self.input_features or {})[key].type is FeatureType.STATE
+        return not is_state or self.state_keys is None or key in self.state_keys
+
     def validate_features(self) -> None:
         """Check the inputs and outputs that LeRobot filled in from the dataset or the environment.
 
         Raises:
             FeatureError: naming what is missing or has an unusable shape.
         """
+        self._check_state_keys()
         spec = self.feature_spec
         if not spec.vectors and not spec.images:
             raise FeatureError(
@@ -162,6 +235,15 @@ class ChunkedConfig(ExecutionFields, PreTrainedConfig):
             if len(shape) != 3 or shape[0] != 3:
                 raise FeatureError(
                     f"{key!r} must be an image of shape (3, height, width), but its shape is {shape}"
+                )
+
+    def _check_state_keys(self) -> None:
+        inputs = self.input_features or {}
+        states = sorted(key for key, feature in inputs.items() if feature.type is FeatureType.STATE)
+        for key in self.state_keys or ():
+            if key not in states:
+                raise FeatureError(
+                    f"state_keys names {key!r}, but the state vectors are: {', '.join(states) or 'none'}"
                 )
 
     def get_optimizer_preset(self) -> AdamWConfig:

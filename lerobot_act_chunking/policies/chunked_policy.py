@@ -60,6 +60,7 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](PreTrainedPolic
         super().__init__(config)
         config.validate_features()
         if dataset_meta is not None and dataset_meta.episodes is not None:
+            config.check_fps(dataset_meta.fps)
             config.timing.check_episode_length(max(dataset_meta.episodes["length"]), config.length_name)
         if dataset_stats is not None:
             check_finite(config, dataset_stats)
@@ -127,7 +128,11 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](PreTrainedPolic
         """
         if has_time_axis(batch, self.feature_spec):
             return Observation.window_from_lerobot(batch, self.feature_spec, self.config.n_obs_steps)
-        window = ObservationWindow(self.config.n_obs_steps) if alone else self._window
+        window = (
+            ObservationWindow(self.config.n_obs_steps, self.config.timing.obs_stride)
+            if alone
+            else self._window
+        )
         window.push(self._perceive(Observation.from_lerobot(batch, self.feature_spec)))
         return window.stack()
 
@@ -140,11 +145,14 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](PreTrainedPolic
         if envs is None:  # anew, because evaluation may have changed the settings since
             # LeRobot and its tools look for a queue under this name to learn when the next inference is due.
             self._action_queue = ChunkExecutor(self.config.execution_settings)
-            self._window = ObservationWindow(self.config.n_obs_steps)
+            self._window = self._fresh_window()
         else:
             envs = indices(envs)
             self._action_queue.reset(envs)
             self._window.reset(envs)
+
+    def _fresh_window(self) -> ObservationWindow:
+        return ObservationWindow(self.config.n_obs_steps, self.config.timing.obs_stride)
 
     def update(self) -> None:
         """Follow the weights with their average; LeRobot calls this after every optimiser step."""

@@ -95,15 +95,17 @@ def test_chunks_are_equal(pair):
 
 
 @pytest.mark.parametrize("training", [True, False])
-def test_losses_and_gradients_are_equal(pair, training):
+def test_losses_and_gradients_are_equal(pair, training, monkeypatch):
+    noise = torch.randn(B, 8, dtype=torch.float64)  # of the style latent; ours draws one more
+    monkeypatch.setattr(torch, "randn_like", lambda _: noise)
+    monkeypatch.setattr(torch, "randn", lambda *_, **__: torch.nn.functional.pad(noise, (0, 1)))
     losses = []
     for policy in (pair.theirs.train(training), pair.ours.train(training)):
-        torch.manual_seed(1)  # the style latent's noise
         policy.zero_grad(set_to_none=True)
         loss, metrics = policy.forward(pair.batch)
         loss.backward()
         losses.append({"loss": loss.item(), **metrics})
-    assert losses[1] == pytest.approx(losses[0], rel=1e-12)
+    assert {name: losses[1][name] for name in losses[0]} == pytest.approx(losses[0], rel=1e-12)
     gradients, without_effect = convert(_gradients(pair.theirs), pair.theirs, gradients=True)
     for name, parameter in pair.ours.named_parameters():
         if name.endswith("cameras.identities"):

@@ -24,10 +24,17 @@ def train(policy, batch, steps):
         policy.update()
 
 
-def test_the_style_latent_is_for_training_only():
-    policy, batch = VECTORS.policy(), VECTORS.batch()
-    assert set(policy.train().forward(batch)[1]) == {"l1_loss", "kld_loss"}
-    assert set(policy.eval().forward(batch)[1]) == {"l1_loss"}
+def test_training_learns_from_the_style_that_actions_show_and_evaluation_scores_acting():
+    policy, batch = VECTORS.policy(kl_weight=10.0), VECTORS.batch()
+    loss, metrics = policy.eval().forward(batch)
+    assert loss.item() == pytest.approx(metrics["l1_loss"])
+    assert metrics["l1_loss_posterior"] != metrics["l1_loss"]
+    acted = policy.predict_action_chunk(batch)
+    valid = ~batch["action_is_pad"]
+    assert loss.item() == pytest.approx((acted - batch["action"])[valid].abs().mean().item(), rel=1e-5)
+    loss, metrics = policy.train().forward(batch)
+    assert loss.item() == pytest.approx(metrics["l1_loss"] + 10 * metrics["kld_loss"])
+    assert metrics["l1_loss_prior"] != metrics["l1_loss"]
 
 
 def test_the_loss_weighs_the_divergence():
@@ -192,7 +199,7 @@ def test_another_state_size_is_refused():
 
 
 def test_a_chunk_longer_than_every_episode_is_refused():
-    meta = SimpleNamespace(episodes={"length": [3, 4, 2]})
+    meta = SimpleNamespace(episodes={"length": [3, 4, 2]}, fps=50)
     with pytest.raises(ConfigurationError, match=r"chunk_size=5 .* longest episode \(4 steps\)"):
         ActChunkedPolicy(STATE.config(), dataset_meta=meta)
 

@@ -1,11 +1,10 @@
 """ACT's latent: standard normal, with an optional density fitted after training."""
 
-from typing import Any
-
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from lerobot_act_chunking.nn.buffers import keep_missing_buffers
 from lerobot_act_chunking.nn.latents.latent import Latent, Posterior
 from lerobot_act_chunking.nn.latents.normal import kl_to_standard_normal, pick, sample_normal
 
@@ -38,7 +37,7 @@ class GaussianLatent(Latent):
         self.register_buffer("means", torch.zeros(MOST_COMPONENTS, dim))
         self.register_buffer("scales", torch.zeros(MOST_COMPONENTS, dim, dim))
         self.fit_density(torch.ones(1), torch.zeros(1, dim), torch.eye(dim)[None])
-        self.register_load_state_dict_pre_hook(_fill_density)
+        self.register_load_state_dict_pre_hook(keep_missing_buffers)  # acts with N(0, I)
 
     def fit_density(
         self, weights: Float[Tensor, " M"], means: Float[Tensor, "M L"], scales: Float[Tensor, "M L L"]
@@ -82,9 +81,3 @@ def split_normal(
     """Mean and log-variance of a posterior, the latter within `LOG_VARIANCE`."""
     mean, log_variance = parameters.chunk(2, dim=-1)
     return mean, log_variance.clamp(*LOG_VARIANCE)
-
-
-def _fill_density(latent: GaussianLatent, state_dict: dict[str, Tensor], prefix: str, *_: Any) -> None:
-    """Checkpoints from before densities were fitted act with N(0, I)."""
-    for name, buffer in latent.named_buffers():
-        state_dict.setdefault(prefix + name, buffer)

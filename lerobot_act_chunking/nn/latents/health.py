@@ -1,6 +1,5 @@
 """Is the latent in use? Numbers cheap enough for every training step."""
 
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
@@ -8,7 +7,7 @@ ACTIVE_NATS = 0.01
 ACTIVE_VARIANCE = 0.01
 
 
-def latent_metrics(mean: Float[Tensor, "B L"], divergence: Float[Tensor, "B J"]) -> dict[str, float]:
+def latent_metrics(mean: Float[Tensor, "B L"], divergence: Float[Tensor, "B J"]) -> dict[str, Tensor]:
     """How much a batch's posteriors say about their demonstrations.
 
     Returns:
@@ -20,4 +19,4 @@ def latent_metrics(mean: Float[Tensor, "B L"], divergence: Float[Tensor, "B J"])
     active = mean.detach().var(0, correction=0) > ACTIVE_VARIANCE
     values = (by_dimension.max(), (by_dimension > ACTIVE_NATS).sum(), active.sum())
     names = ("kl_max", "kl_active_dims", "active_units")
-    return dict(zip(names, torch.stack([value.double() for value in values]).tolist(), strict=True))
+    return {name: value.float() for name, value in zip(names, values, strict=True)}

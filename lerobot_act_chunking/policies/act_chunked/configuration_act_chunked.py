@@ -1,13 +1,16 @@
 """Settings of `act_chunked`."""
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
 from lerobot.configs import PreTrainedConfig
 
 from lerobot_act_chunking.data.timing import ChunkTiming
-from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.settings import Mode
+from lerobot_act_chunking.heads.make import HeadSpec
+from lerobot_act_chunking.nn.latents.make import LatentSpec
+from lerobot_act_chunking.policies.act_chunked.checks import check
 from lerobot_act_chunking.policies.act_chunked.presets import preset_values
 from lerobot_act_chunking.policies.chunked_config import PRESET, ChunkedConfig
 
@@ -22,92 +25,181 @@ class ActChunkedConfig(ChunkedConfig):
     construction: a saved config holds plain values, and a value given explicitly wins over the preset.
 
     Attributes (beside those of `ChunkedConfig`):
-        preset: ``base`` (ours) or ``paper`` (LeRobot's ACT, with its normalisation and its optimiser).
-            Pretrained backbone weights are the exception: neither preset asks for them.
-        n_obs_steps: observation steps; only 1 so far.
-        chunk_size: predicted actions per chunk.
+        preset: ``base`` (ours), ``paper`` (LeRobot's ACT, with its normalisation and its optimiser) or
+            ``lecture`` (observation history, velocities, an autoregressive decoder, a sampled latent).
+            Pretrained backbone weights are the exception: no preset asks for them.
         execution: how chunks become actions; this and the other fields of execution (``replan_interval``,
             ``latency_steps``, ``temporal_ensemble_coeff``, ...) are those of `ExecutionSettings`. ``base``
             replans four times a chunk and blends each new one in, ``paper`` runs each chunk to its end, as
             LeRobot does.
+
+        n_obs_steps: observations that the policy sees, the current one last.
+        obs_stride: control steps between two of them.
+        history_dropout: how often training shows the current observation in place of the earlier ones.
+        history_image_grid: cells a side to which the feature maps of earlier images are averaged.
+        use_velocity: how fast the vectors change, as a further input, from the last two observations.
+
+        chunk_size: predicted actions per chunk.
         actions_per_query: consecutive actions that each decoder query emits; divides ``chunk_size``. 1 is
             ACT; more makes long chunks cheap.
+        decoder_type: ``parallel`` decodes all queries at once (ACT); ``autoregressive`` one after the other,
+            each knowing the actions before it.
+        teacher_noise_std: noise on the actions that autoregressive training shows, normalised units ...
+        teacher_dropout: ... and how often it hides what a query emitted.
+
         pre_norm: normalise before each transformer branch instead of after it.
         dim_model: token width, a multiple of 4 and of ``n_heads``.
         n_heads: attention heads.
         dim_feedforward: hidden width of the feed-forward branches.
         feedforward_activation: their activation.
         n_encoder_layers: encoder layers.
-        n_decoder_layers: decoder layers; action queries interact from the second on.
+        n_decoder_layers: decoder layers; parallel action queries interact from the second on.
         dropout: dropout probability everywhere in the transformers.
-        use_vae: learn a latent style of each demonstration (zero when acting).
-        latent_dim: its size.
-        n_vae_encoder_layers: layers of its encoder.
-        kl_weight: weight of its KL divergence [nats, summed over dimensions] beside the mean absolute error.
+
+        action_likelihood: how actions are predicted and scored: ``l1`` (ACT), ``l2``, ``laplace``,
+            ``gaussian``, ``gmm`` (a mixture whose component holds for the whole chunk) or ``categorical``
+            (uniform bins).
+        nll_beta, min_std, n_components, n_bins, hl_gauss_sigma, soft_local_bins: see `HeadSpec`.
+        action_temperature: 0 acts with the mean or the likeliest action; above, actions are sampled.
+        action_top_k: sample among so many bins (0: all).
         pad_normalization: average the action error over ``valid`` elements (LeRobot) or ``all`` (original
             ACT).
+
+        use_vae: learn a latent style of each demonstration.
+        latent_type: its prior: ``gaussian`` (ACT), ``conditional`` on the observation, ``mixture`` or
+            ``categorical``.
+        latent_dim: its size.
+        n_latent_components: components of a ``mixture``, codes of a ``categorical`` latent.
+        latent_warmup_steps: training steps until the components are placed, or over which codes harden.
+        prior_component_weights: how often each is sampled: as in training (``empirical``) or ``uniform``.
+        z_inference: act with the ``mode`` of the prior (zero for a gaussian one, as ACT) or ``sample`` it.
+        z_temperature: spread of its samples.
+        z_hold: keep a sample for a ``chunk``, for ``z_hold_steps`` control ``steps``, or for the ``episode``.
+        allow_mode_mixing: let ``execution=ensemble`` average chunks of different latents.
+        n_vae_encoder_layers: layers of the style encoder.
+        style_observations: it sees the ``state`` (ACT) or ``all`` observations beside the actions.
+        vae_action_stride: it sees averages of so many consecutive actions.
+        kl_weight: weight of the KL divergence [nats, summed over dimensions] beside the mean action error.
+        kl_anneal: let the weight grow from 0 over the first ``kl_anneal_steps`` (``linear``), or again in
+            every such period (``cyclical``).
+        free_bits: KL that each dimension may have for free [nats].
+
+        compile_model: train through torch.compile.
+        noise_seed: seed of sampling when acting; each environment has its own generator.
 
     Raises:
         ConfigurationError: on construction, naming the setting that cannot work.
     """
 
-    preset: Literal["base", "paper"] = "base"
-
-    chunk_size: int = 100
-    actions_per_query: int = 1
+    preset: Literal["base", "paper", "lecture"] = "base"
     execution: Mode = PRESET
+
+    n_obs_steps: int = PRESET
+    obs_stride: int = PRESET
+    history_dropout: float = PRESET
+    history_image_grid: int = 1
+    use_velocity: bool = PRESET
+
+    chunk_size: int = PRESET
+    actions_per_query: int = PRESET
+    decoder_type: Literal["parallel", "autoregressive"] = PRESET
+    teacher_noise_std: float = 0.05
+    teacher_dropout: float = 0.3
 
     pre_norm: bool = PRESET
     dim_model: int = PRESET
     n_heads: int = 8
     dim_feedforward: int = PRESET
     feedforward_activation: Literal["relu", "gelu"] = PRESET
-    n_encoder_layers: int = 4
-    n_decoder_layers: int = 1
-    dropout: float = 0.1
+    n_encoder_layers: int = PRESET
+    n_decoder_layers: int = PRESET
+    dropout: float = PRESET
+
+    action_likelihood: Literal["l1", "l2", "laplace", "gaussian", "gmm", "categorical"] = "l1"
+    nll_beta: float = 0.5
+    min_std: float = 1e-2
+    n_components: int = 5
+    n_bins: int = 256
+    hl_gauss_sigma: float = 0.75
+    soft_local_bins: int = 2
+    action_temperature: float = 0.0
+    action_top_k: int = 0
+    pad_normalization: Literal["valid", "all"] = "valid"
 
     use_vae: bool = PRESET
-    latent_dim: int = 32
-    n_vae_encoder_layers: int = 4
-    kl_weight: float = 10.0
+    latent_type: Literal["gaussian", "conditional", "mixture", "categorical"] = "gaussian"
+    latent_dim: int = PRESET
+    n_latent_components: int = 8
+    latent_warmup_steps: int = 1000
+    prior_component_weights: Literal["empirical", "uniform"] = "empirical"
+    z_inference: Literal["mode", "sample"] = PRESET
+    z_temperature: float = 1.0
+    z_hold: Literal["chunk", "steps", "episode"] = "episode"
+    z_hold_steps: int = 0
+    allow_mode_mixing: bool = False
+    n_vae_encoder_layers: int = PRESET
+    style_observations: Literal["state", "all"] = PRESET
+    vae_action_stride: int = PRESET
+    kl_weight: float = PRESET
+    kl_anneal: Literal["none", "linear", "cyclical"] = "none"
+    kl_anneal_steps: int = 10_000
+    free_bits: float = PRESET
 
-    pad_normalization: Literal["valid", "all"] = "valid"
+    compile_model: bool = False
+    noise_seed: int = 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        self.resolve_seconds()
         self._resolve_preset()
         self.check_choices()
-        self._check()
+        check(self)
 
     def _resolve_preset(self) -> None:
-        pretrained = self.pretrained_backbone_weights is not None
-        values = preset_values(self.preset, dim_model=self.dim_model, pretrained=pretrained)
-        values["n_action_steps"] = self.timing.control_steps
-        if (self.n_action_steps or self.timing.control_steps) == 1:
-            values["execution"] = "open_loop"
+        values = preset_values(self)
+        execution = values.pop("execution")
         self.fill_in(values)
-
-    def _check(self) -> None:
-        if self.execution_settings.execution == "coherence":
-            raise ConfigurationError(
-                "execution=coherence chooses among sampled chunks, but act_chunked predicts a single one"
-            )
-        if self.n_obs_steps != 1:
-            raise ConfigurationError(
-                f"n_obs_steps={self.n_obs_steps}: act_chunked reads one observation step"
-            )
-        self.check_divides("chunk_size", "actions_per_query")
-        self.check_divides("dim_model", "n_heads")
-        if self.dim_model % 4:
-            raise ConfigurationError(f"dim_model={self.dim_model} must be a multiple of 4 (image positions)")
-        self.check_backbone()
-        self.check_ranges(
-            at_least_1=("n_encoder_layers", "n_decoder_layers", "n_vae_encoder_layers", "latent_dim"),
-            fractions=("dropout",),
-            not_negative=("kl_weight",),
-        )
+        if self.n_action_steps is PRESET:
+            self.n_action_steps = self.timing.control_steps
+        if self.execution is PRESET:
+            self.execution = "open_loop" if self.n_action_steps == 1 else execution
 
     @property
     def timing(self) -> ChunkTiming:
         """Which steps are observed and predicted."""
-        return ChunkTiming(self.n_obs_steps, self.chunk_size, self.chunk_stride)
+        return ChunkTiming(self.n_obs_steps, self.chunk_size, self.chunk_stride, obs_stride=self.obs_stride)
+
+    @property
+    def head_spec(self) -> HeadSpec:
+        """What the action head is made from."""
+        return HeadSpec.from_fields(self)
+
+    @property
+    def latent_spec(self) -> LatentSpec:
+        """What the latent is made from."""
+        return LatentSpec.from_fields(self)
+
+    @property
+    def categorical(self) -> bool:
+        """Whether actions are predicted as bins in [-1, 1]."""
+        return self.action_likelihood == "categorical"
+
+    @property
+    def samples(self) -> bool:
+        """Whether two chunks for the same observation may differ."""
+        return self.action_temperature > 0 or (self.use_vae and self.z_inference == "sample")
+
+    @property
+    def learns_at_random(self) -> bool:
+        """Whether training draws random numbers beside dropout."""
+        return self.use_vae or self.decoder_type == "autoregressive" or self.history_dropout > 0
+
+    @property
+    def loss_name(self) -> str:
+        """What the loss of the actions is called where it is logged."""
+        return f"{self.action_likelihood}_loss"
+
+    @property
+    def hold_steps(self) -> float:
+        """Control steps for which a sampled latent is kept."""
+        return {"chunk": 0, "steps": self.z_hold_steps, "episode": math.inf}[self.z_hold]

@@ -1,24 +1,27 @@
 """The `act_chunked` policy: ACT's wiring of the package's blocks into LeRobot's contract."""
 
 import math
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import torch
+from jaxtyping import Float
 from lerobot.utils.constants import OBS_STATE
 from torch import Tensor, nn
 
 from lerobot_act_chunking.data.batch import ActionTarget, Observation
-from lerobot_act_chunking.data.masking import per_sample_error
+from lerobot_act_chunking.data.masking import hold_padding
 from lerobot_act_chunking.execution.interpolation import upsample
 from lerobot_act_chunking.execution.timeline import Environments
-from lerobot_act_chunking.heads.regression import RegressionHead
-from lerobot_act_chunking.nn.observation import CameraTokens, ObservationEncoder, VectorTokens
-from lerobot_act_chunking.nn.style import StyleEncoder, kl_to_standard_normal, sample_latent
-from lerobot_act_chunking.nn.transformer import Decoder, Encoder, LayerSpec
-from lerobot_act_chunking.nn.vision import make_backbone
+from lerobot_act_chunking.nn.autoregressive import corrupt
+from lerobot_act_chunking.nn.history_dropout import forget_past, which_forget
+from lerobot_act_chunking.policies.act_chunked.building import build_network
 from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
-from lerobot_act_chunking.policies.act_chunked.network import ActNetwork
-from lerobot_act_chunking.policies.chunked_policy import Batch, ChunkedPolicy, not_finite
+from lerobot_act_chunking.policies.act_chunked.draws import ActingDraws, Draws
+from lerobot_act_chunking.policies.act_chunked.network import ActNetwork, Lesson
+from lerobot_act_chunking.policies.act_chunked.style_lesson import StyleLesson
+from lerobot_act_chunking.policies.batch_seeds import BatchSeeds
+from lerobot_act_chunking.policies.chunked_policy import Batch, ChunkedPolicy, indices, not_finite
 
 
 class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
@@ -29,68 +32,164 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
     _fsdp_wrap_modules = ["EncoderLayer", "DecoderLayer"]  # noqa: RUF012 (LeRobot's declaration of its type)
 
     def _build(self, backbone_weights: str | None) -> ActNetwork:
-        return build_network(self.config, backbone_weights)
+        config = self.config
+        self.batch_seeds = BatchSeeds() if config.learns_at_random else None
+        self.style_lesson = StyleLesson(config) if config.use_vae else None
+        return build_network(config, backbone_weights)
 
     @property
     def _backbone(self) -> nn.Module | None:
         cameras = self.model.observation_encoder.cameras
         return None if cameras is None else cameras.backbone
 
+    def update(self) -> None:
+        """Follow the weights with their average, and the schedule of the latent's loss."""
+        super().update()
+        if self.style_lesson is not None:
+            self.style_lesson.advance()
+
     def forward(
         self, batch: Batch, reduction: Literal["mean", "none"] = "mean"
     ) -> tuple[Tensor, dict[str, float]]:
-        """Training loss: masked absolute error, plus the weighted KL divergence with a VAE in training mode.
+        """Training loss: how far off or how unlikely the actions are, and the divergence of their style.
+
+        With a latent, training mode learns from the style that the actions show; evaluation mode scores the
+        one that the policy acts with.
 
         Args:
             batch: observations, ``action`` (B, T, A) and ``action_is_pad`` (B, T).
             reduction: ``mean`` for a scalar; ``none`` for one loss per sample (B,), with the same mean.
 
         Returns:
-            The loss, and ``l1_loss`` and (with KL) ``kld_loss`` as plain numbers.
+            The loss, and its terms as plain numbers: ``l1_loss`` (or that of another likelihood), and with a
+            latent ``kld_loss`` and its health (`StyleLesson`).
 
         Raises:
             FeatureError: naming a key that is missing or has another shape than the policy was built for.
             DatasetError: if the loss is not finite, naming the first key that holds a NaN or an infinity.
         """
-        observation = Observation.from_lerobot(batch, self.feature_spec)
-        target = ActionTarget.from_lerobot(batch, self.feature_spec, self.config.chunk_size)
-        style, divergence = self._encode_style(observation, target)
-        error = self.model.head.error(self._network(observation, style), target.actions)
-        loss = l1 = per_sample_error(error, target.is_pad, self.config.pad_normalization)
-        terms = {"l1_loss": l1.mean()}
-        if divergence is not None:
-            loss = l1 + self.config.kl_weight * divergence
-            terms["kld_loss"] = divergence.mean()
+        generator = self._next_generator()
+        lesson = self._lesson(batch, generator)
+        if self.style_lesson is None:
+            loss = self._network.loss(lesson, None, self.config.pad_normalization)
+            terms = {self.config.loss_name: loss.mean()}
+        else:
+            loss, terms = self.style_lesson(self._network, lesson, generator)
         metrics = dict(zip(terms, torch.stack(list(terms.values())).tolist(), strict=True))
         if not all(map(math.isfinite, metrics.values())):
             raise not_finite(batch, metrics)
         return (loss.mean() if reduction == "mean" else loss), metrics
 
-    def _encode_style(
-        self, observation: Observation, target: ActionTarget
-    ) -> tuple[Tensor, Tensor] | tuple[None, None]:
-        """Embedding of a sampled latent, and its KL divergence; only in training, as in ACT."""
-        encoder = self.model.style_encoder
-        if encoder is None or not self.training:
-            return None, None
-        state = observation.vectors.get(OBS_STATE)
-        mean, log_variance = encoder(target.actions, target.is_pad, state)
-        latent = sample_latent(mean, log_variance, torch.randn_like(mean))
-        return encoder.embed(latent), kl_to_standard_normal(mean, log_variance)
+    def _next_generator(self) -> torch.Generator | None:
+        """What everything random in the next batch is drawn from."""
+        if self.batch_seeds is None:
+            return None
+        return self.batch_seeds.next_generator(self.model.style_token.device)
+
+    def _lesson(self, batch: Batch, generator: torch.Generator | None) -> Lesson:
+        config = self.config
+        target = ActionTarget.from_lerobot(batch, self.feature_spec, config.chunk_size)
+        actions = hold_padding(target.actions, target.is_pad)
+        window = Observation.window_from_lerobot(batch, self.feature_spec, config.n_obs_steps)
+        taught, shown = actions, None
+        if self.training and generator is not None:
+            window = self._augmented(window, generator)
+            if config.decoder_type == "autoregressive":
+                noise, dropout = config.teacher_noise_std, config.teacher_dropout
+                taught, shown = corrupt(actions, config.actions_per_query, generator, noise, dropout)
+        state = window.vectors.get(OBS_STATE)
+        return Lesson(
+            seen=self._network.see(window),
+            state=None if state is None else state[:, -1],
+            target=ActionTarget(actions, target.is_pad),
+            taught=taught,
+            shown=shown,
+        )
+
+    def _augmented(self, window: Observation, generator: torch.Generator) -> Observation:
+        """The observations as training sees them."""
+        if self.config.history_dropout:
+            forget = which_forget(window.batch_size, self.config.history_dropout, generator)
+            window = Observation(
+                vectors=forget_past(window.vectors, forget), images=forget_past(window.images, forget)
+            )
+        return window
 
     @torch.no_grad()
-    def predict_action_chunk(self, batch: Batch, **_: Any) -> Tensor:
-        """The whole chunk of normalised actions (B, T, A), one per control step; needs no earlier call."""
+    def predict_action_chunk(
+        self,
+        batch: Batch,
+        noise: Float[Tensor, "B L"] | None = None,
+        draws: Float[Tensor, "B *S"] | None = None,
+        envs: Environments = None,
+        **_: Any,
+    ) -> Tensor:
+        """The whole chunk of normalised actions (B, T, A), one per control step.
+
+        Observations with a time axis (B, n_obs_steps, ...) are used as they are. Others are added to those of
+        earlier calls, as in `select_action`: use one or the other in a rollout.
+
+        Args:
+            batch: observations.
+            noise: standard normal numbers (B, L) that the latent is made from; by default the environments'
+                generators draw them, if a latent is sampled.
+            draws: uniform numbers by which the head samples actions, likewise.
+            envs: the environments that the rows of the batch are, if not 0, 1, ...
+        """
         self.eval()
-        window = Observation.window_from_lerobot(batch, self.feature_spec, self.config.n_obs_steps)
-        return self._predict(window, None, self.config.timing.control_steps)
+        window = self._window_of(batch)
+        drawn = self._draws.draw(window.batch_size, envs=envs, step=self._action_queue.n_steps).flat()
+        given = Draws(drawn.latent if noise is None else noise, drawn.actions if draws is None else draws)
+        return self._chunks(window, given, 1, self.config.timing.control_steps)[0]
+
+    @torch.no_grad()
+    def predict_samples(self, batch: Batch, n_samples: int) -> Float[Tensor, "N B K A"]:
+        """Several chunks for each observation, from now on at every control step.
+
+        Args:
+            batch: observations, as for `predict_action_chunk`.
+            n_samples: N, chunks per observation.
+        """
+        self.eval()
+        window = self._window_of(batch)
+        drawn = self._draws.draw(window.batch_size, n_samples=n_samples, step=self._action_queue.n_steps)
+        return self._chunks(window, drawn.flat(), n_samples, self.config.timing.control_steps)
 
     def _predict(self, window: Observation, envs: Environments, n_steps: int) -> Tensor:
-        config = self.config
+        n_samples = self._action_queue.settings.n_samples
+        drawn = self._draws.draw(
+            window.batch_size, envs=envs, n_samples=n_samples or 1, step=self._action_queue.n_steps
+        )
+        chunks = self._chunks(window, drawn.flat(), n_samples or 1, n_steps)
+        return chunks[0] if n_samples is None else chunks
+
+    def _chunks(
+        self, window: Observation, draws: Draws, n_samples: int, n_steps: int
+    ) -> Float[Tensor, "N n K A"]:
+        """The first ``n_steps`` of the chunks that these draws make."""
+        config, network = self.config, self._network
         n_predictions = config.timing.predictions_for(n_steps)
         n_queries = math.ceil(n_predictions / config.actions_per_query)
-        keyframes = self._network(window.latest(), n_queries=n_queries)[:, :n_predictions]
-        return upsample(keyframes, config.chunk_stride, config.gripper_dims)[:, :n_steps]
+        seen = network.see(window).repeat(n_samples)
+        latent, actions = (None if each is None else each.to(seen.tokens) for each in draws)
+        keyframes = network.act(seen, network.prior(seen, latent), actions, n_queries)[:, :n_predictions]
+        steps = upsample(keyframes, config.chunk_stride, config.gripper_dims)[:, :n_steps]
+        return steps.unflatten(0, (n_samples, -1))
+
+    def reset(self, envs: Sequence[int] | Tensor | None = None) -> None:
+        """Forget observations and chunks and draw anew: a new rollout, everywhere or in these."""
+        super().reset(envs)
+        if envs is None:
+            config = self.config
+            latent = self.model.latent if config.use_vae and config.z_inference == "sample" else None
+            self._draws = ActingDraws(
+                config.noise_seed,
+                n_noise=None if latent is None else latent.n_noise,
+                draws_shape=self.model.head.draws_shape or None,
+                hold_steps=config.hold_steps,
+            )
+        else:
+            self._draws.reset(indices(envs).tolist())
 
     def _get_default_peft_targets(self) -> dict[str, Any]:
         """Adapt all attention projections and feed-forward layers of the encoder and decoder."""
@@ -98,50 +197,3 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
             "target_modules": r"model\.(encoder|decoder)\..*\.([qkv]_proj|out_proj|expand|contract)",
             "modules_to_save": ["head"],
         }
-
-
-def build_network(config: ActChunkedConfig, backbone_weights: str | None) -> ActNetwork:
-    """The network that ``config`` describes."""
-    features = config.feature_spec
-    spec = LayerSpec(
-        dim=config.dim_model,
-        n_heads=config.n_heads,
-        dim_feedforward=config.dim_feedforward,
-        dropout=config.dropout,
-        activation=config.feedforward_activation,
-        pre_norm=config.pre_norm,
-    )
-    (action_dim,) = features.action
-    n_queries = config.chunk_size // config.actions_per_query
-    return ActNetwork(
-        observation_encoder=_observation_encoder(config, backbone_weights),
-        style_encoder=_style_encoder(config, spec) if config.use_vae else None,
-        encoder=Encoder(spec, config.n_encoder_layers),
-        decoder=Decoder(spec, config.n_decoder_layers, n_queries),
-        head=RegressionHead(config.dim_model, action_dim, config.actions_per_query),
-    )
-
-
-def _observation_encoder(config: ActChunkedConfig, weights: str | None) -> ObservationEncoder:
-    features = config.feature_spec
-    dims = {key: dim for key, (dim,) in features.vectors.items()}
-    vectors = VectorTokens(dims, config.dim_model) if dims else None
-    cameras = None
-    if features.images:
-        backbone, channels = make_backbone(config.vision_backbone, config.backbone_norm, weights)
-        cameras = CameraTokens(features.images, config.dim_model, backbone, channels)
-    return ObservationEncoder(vectors, cameras)
-
-
-def _style_encoder(config: ActChunkedConfig, spec: LayerSpec) -> StyleEncoder:
-    features = config.feature_spec
-    (action_dim,) = features.action
-    (state_dim,) = features.vectors.get(OBS_STATE, (None,))
-    return StyleEncoder(
-        spec,
-        n_layers=config.n_vae_encoder_layers,
-        chunk_size=config.chunk_size,
-        action_dim=action_dim,
-        state_dim=state_dim,
-        latent_dim=config.latent_dim,
-    )

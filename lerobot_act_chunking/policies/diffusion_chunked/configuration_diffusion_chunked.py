@@ -96,7 +96,6 @@ class DiffusionChunkedConfig(ChunkedConfig):
     denoiser: Literal["mixer", "dit", "unet1d"] = PRESET
     n_obs_steps: int = PRESET
     horizon: int = PRESET
-    chunk_stride: int = PRESET
     align: Literal["current", "first_obs"] = PRESET
     execution: Mode = PRESET
 
@@ -151,7 +150,10 @@ class DiffusionChunkedConfig(ChunkedConfig):
         super().__post_init__()
         pretrained = self.pretrained_backbone_weights is not None
         values = preset_values(self.preset, objective=self.objective, pretrained=pretrained)
-        self.fill_in({"n_obs_steps": 1, **values})
+        values = {"n_obs_steps": 1, **values}
+        aligned = (self.align or values["align"]) == "first_obs"
+        self.resolve_seconds((self.n_obs_steps or values["n_obs_steps"]) - 1 if aligned else 0)
+        self.fill_in(values)
         if self.down_dims is PRESET and self.unet_size in SIZES:
             self.down_dims = SIZES[self.unet_size]
         if self.actions_per_token is PRESET:

@@ -84,7 +84,6 @@ class VqbetChunkedConfig(ChunkedConfig):
 
     n_obs_steps: int = PRESET
     chunk_size: int = PRESET
-    chunk_stride: int = PRESET
     n_action_pred_token: int = PRESET
     execution: Mode = PRESET
 
@@ -147,6 +146,7 @@ class VqbetChunkedConfig(ChunkedConfig):
 
         A configuration from a checkpoint has all its values, and the file may be gone.
         """
+        self.resolve_seconds()
         pretrained = self.pretrained_backbone_weights is not None
         values = preset_values(self.preset, tokenizer=self.tokenizer, pretrained=pretrained)
         if self.tokenizer_path is not None and any(getattr(self, name) is PRESET for name in values):

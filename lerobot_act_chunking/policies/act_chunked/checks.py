@@ -1,0 +1,101 @@
+"""Which settings of `act_chunked` make sense together."""
+
+from typing import TYPE_CHECKING
+
+from lerobot.configs import NormalizationMode
+
+from lerobot_act_chunking.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
+
+WITHIN_ONE = (NormalizationMode.MIN_MAX, NormalizationMode.QUANTILES, NormalizationMode.QUANTILE10)
+
+
+def check(config: "ActChunkedConfig") -> None:
+    """Refuse settings that cannot work.
+
+    Raises:
+        ConfigurationError: naming the value, the reason and the way out.
+    """
+    config.check_backbone()
+    config.check_ranges(
+        at_least_1=(
+            "obs_stride",
+            "history_image_grid",
+            "n_encoder_layers",
+            "n_decoder_layers",
+            "n_vae_encoder_layers",
+            "vae_action_stride",
+            "kl_anneal_steps",
+        ),
+        fractions=("dropout", "history_dropout", "teacher_dropout"),
+        not_negative=("kl_weight", "free_bits", "teacher_noise_std", "z_hold_steps", "noise_seed"),
+    )
+    config.check_divides("chunk_size", "actions_per_query")
+    config.check_divides("dim_model", "n_heads")
+    if config.dim_model % 4:
+        raise ConfigurationError(f"dim_model={config.dim_model} must be a multiple of 4 (positions)")
+    _check_history(config)
+    _check_likelihood(config)
+    if config.use_vae:
+        _check_latent(config)
+    _check_sampling(config)
+
+
+def _check_history(config: "ActChunkedConfig") -> None:
+    if config.n_obs_steps > 1:
+        return
+    for name in ("use_velocity", "history_dropout"):
+        if getattr(config, name):
+            raise ConfigurationError(
+                f"{name}={getattr(config, name)} needs earlier observations: set --policy.n_obs_steps to 2 "
+                "or more"
+            )
+
+
+def _check_likelihood(config: "ActChunkedConfig") -> None:
+    config.head_spec.check()
+    mode = config.normalization_mapping["ACTION"]
+    if config.categorical and mode not in WITHIN_ONE:
+        raise ConfigurationError(
+            f"action_likelihood=categorical has bins in [-1, 1], but actions are normalised by {mode.value}: "
+            "set the ACTION entry of normalization_mapping to MIN_MAX or QUANTILES"
+        )
+
+
+def _check_latent(config: "ActChunkedConfig") -> None:
+    config.latent_spec.check()
+    if config.vae_action_stride > config.chunk_size:
+        raise ConfigurationError(
+            f"vae_action_stride={config.vae_action_stride} averages more actions than the chunk has "
+            f"(chunk_size={config.chunk_size})"
+        )
+    if (config.z_hold == "steps") != (config.z_hold_steps > 0):
+        raise ConfigurationError(
+            f"z_hold={config.z_hold} and z_hold_steps={config.z_hold_steps} contradict each other: "
+            "z_hold=steps needs z_hold_steps of 1 or more, and nothing else uses them"
+        )
+    mixes = config.z_inference == "sample" and config.z_hold != "episode"
+    if mixes and config.execution_settings.execution == "ensemble" and not config.allow_mode_mixing:
+        raise ConfigurationError(
+            f"z_hold={config.z_hold} samples a new latent while execution=ensemble averages chunks of older "
+            "ones, perhaps of different ways to act: set --policy.z_hold=episode, or "
+            "--policy.allow_mode_mixing=true if that is what you want"
+        )
+
+
+def _check_sampling(config: "ActChunkedConfig") -> None:
+    if config.execution_settings.execution != "coherence":
+        return
+    if not config.samples:
+        raise ConfigurationError(
+            "execution=coherence chooses among sampled chunks, but act_chunked predicts a single one: sample "
+            "the latent (--policy.use_vae=true --policy.z_inference=sample) or the actions "
+            "(--policy.action_temperature=1 with a likelihood that has a spread)"
+        )
+    if config.action_temperature == 0 and config.z_hold != "chunk":
+        raise ConfigurationError(
+            f"execution=coherence chooses anew among sampled chunks, z_hold={config.z_hold} keeps what was "
+            "sampled: set --policy.z_hold=chunk"
+        )
