@@ -11,6 +11,7 @@ from rich.console import Console
 from lerobot_act_chunking.cli import hub
 from lerobot_act_chunking.cli.bandwidth import bandwidth_command
 from lerobot_act_chunking.cli.codebook import codebook_command
+from lerobot_act_chunking.cli.import_checkpoint import import_command
 from lerobot_act_chunking.cli.motion import motion_command
 from lerobot_act_chunking.cli.quickstart import quickstart_command
 from lerobot_act_chunking.cli.record import record_command
@@ -33,6 +34,7 @@ app = typer.Typer(
 app.command("quickstart")(quickstart_command)
 app.command("record")(record_command)
 app.command("train-tokenizer")(train_tokenizer_command)
+app.command("import")(import_command)
 app.command("wrap")(wrap_command)
 app.command("motion")(motion_command)
 app.command("smoothness")(smoothness_command)
