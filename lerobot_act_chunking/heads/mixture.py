@@ -57,7 +57,7 @@ class MixtureHead(ActionHead):
         if temperature > 0:
             self.draws_shape = (1,)
         self.usage: Tensor
-        self.register_buffer("usage", torch.full((n_components,), 1 / n_components))
+        self.register_buffer("usage", torch.zeros(n_components))  # at first, all are called
 
     def log_weights(self, features: Float[Tensor, "B q D"]) -> Float[Tensor, "B M"]:
         """Logarithms of the components' weights; ``features`` begin with those of the first query."""

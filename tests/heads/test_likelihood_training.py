@@ -25,7 +25,7 @@ def demonstrations(way):
     return signs[:, None, None] * way + noise
 
 
-def train(demonstrations, likelihood, *, n_steps=400, idle=(), **settings):
+def train(demonstrations, likelihood, *, n_steps=300, idle=(), **settings):
     torch.manual_seed(0)
     spec = HeadSpec(action_likelihood=likelihood, n_bins=50, min_std=0.02, **settings)
     head = make_action_head(spec, D, A, Q, S)
@@ -80,11 +80,11 @@ def test_a_mixture_takes_whole_ways_in_their_shares(n_components, demonstrations
 
 def test_components_far_from_everything_come_back(demonstrations, way, monkeypatch):
     """By likelihood alone a component far off stays there, and the other one blends the ways."""
-    chunks = act(*train(demonstrations, "gmm", n_components=2, n_steps=600, idle=[1], action_temperature=1.0))
+    chunks = act(*train(demonstrations, "gmm", n_components=2, n_steps=500, idle=[1], action_temperature=1.0))
     assert torch.stack([(chunks - sign * way).abs().amax((1, 2)) for sign in (1, -1)]).amin(0).max() < 0.05
     monkeypatch.setattr("lerobot_act_chunking.heads.mixture.IDLE_WEIGHT", 0.0)
     blended = act(
-        *train(demonstrations, "gmm", n_components=2, n_steps=600, idle=[1], action_temperature=1.0)
+        *train(demonstrations, "gmm", n_components=2, n_steps=500, idle=[1], action_temperature=1.0)
     )
     assert off(blended, 0.4 * way) < 0.1
 
