@@ -176,6 +176,16 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
         steps = upsample(keyframes, config.chunk_stride, config.gripper_dims)[:, :n_steps]
         return steps.unflatten(0, (n_samples, -1))
 
+    @torch.no_grad()
+    def _perceive(self, observation: Observation) -> Observation:
+        """Images as features, if each will be needed: encoded as they come, they do not delay the chunk."""
+        if not self._sees_at_once:
+            return observation
+        if self.training:
+            self.eval()
+        seen = self._network.observation_encoder.look(observation.images)
+        return Observation(vectors=observation.vectors | seen, images={})
+
     def reset(self, envs: Sequence[int] | Tensor | None = None) -> None:
         """Forget observations and chunks and draw anew: a new rollout, everywhere or in these."""
         super().reset(envs)
@@ -188,6 +198,8 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
                 draws_shape=self.model.head.draws_shape or None,
                 hold_steps=config.hold_steps,
             )
+            every_frame = 1 < config.n_obs_steps >= config.execution_settings.replan_interval
+            self._sees_at_once = bool(self.feature_spec.images) and every_frame
         else:
             self._draws.reset(indices(envs).tolist())
 
