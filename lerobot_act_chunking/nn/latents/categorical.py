@@ -9,6 +9,7 @@ from lerobot_act_chunking.nn.latents.normal import pick
 
 FIRST_TEMPERATURE, LAST_TEMPERATURE = 1.0, 0.3
 USAGE_RATE = 0.01  # of the moving average over training batches
+LOGIT_SCALE = 10.0
 LEAST_USAGE = 0.04  # of an equal share; codes below it decode to nothing that was demonstrated
 
 
@@ -18,6 +19,9 @@ class CategoricalLatent(Latent):
     Training samples with the straight-through Gumbel-softmax (Jang et al. 2017): the sample is one-hot, its
     gradient that of the relaxation, whose temperature falls. Acting samples among the codes that training
     uses: the others would decode to anything.
+
+    Logits are scaled up, so that demonstrations begin with codes of their own: with codes that are little
+    more than noise, the decoder would learn to do without them before they say anything.
 
     Args:
         n_codes: M, also the width of z.
@@ -38,7 +42,7 @@ class CategoricalLatent(Latent):
     @property
     def relaxation(self) -> Float[Tensor, ""]:
         """Temperature of the Gumbel-softmax at this step of the training."""
-        progress = (self.n_steps / max(self.anneal_steps, 1)).clamp_max(1)
+        progress = (self.n_steps / self.anneal_steps).clamp_max(1)
         return FIRST_TEMPERATURE + (LAST_TEMPERATURE - FIRST_TEMPERATURE) * progress
 
     def _posterior(
@@ -47,7 +51,7 @@ class CategoricalLatent(Latent):
         noise: Float[Tensor, "B n"],
         tokens: Float[Tensor, "B N D"],
     ) -> Posterior:
-        log_q = parameters.log_softmax(-1)
+        log_q = (LOGIT_SCALE * parameters).log_softmax(-1)
         q = log_q.exp()
         relaxed = ((log_q + _gumbel(noise)) / self.relaxation).softmax(-1)
         hard = _one_hot(relaxed)

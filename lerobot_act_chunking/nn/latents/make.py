@@ -59,7 +59,7 @@ class LatentSpec:
             raise unknown_choice("latent_type", self.latent_type, LATENTS)
         if self.prior_component_weights not in COMPONENT_WEIGHTS:
             raise unknown_choice("prior_component_weights", self.prior_component_weights, COMPONENT_WEIGHTS)
-        for name, least in (("latent_dim", 1), ("n_latent_components", 2), ("latent_warmup_steps", 0)):
+        for name, least in (("latent_dim", 1), ("n_latent_components", 2), ("latent_warmup_steps", 1)):
             if getattr(self, name) < least:
                 raise ConfigurationError(f"{name}={getattr(self, name)} must be at least {least}")
         if not 0 < self.z_temperature < math.inf:

@@ -118,8 +118,6 @@ class MixtureLatent(Latent):
         from sklearn.cluster import KMeans  # only here: importing it takes a second
 
         seen = self.remembered[: int(self.n_seen)].double().cpu()
-        if not len(seen):
-            return
         n_clusters = min(len(self.means), len(seen))
         found = KMeans(n_clusters, n_init=4, random_state=0).fit(seen.numpy())
         label = torch.nn.functional.one_hot(torch.as_tensor(found.labels_).long(), n_clusters).double()
