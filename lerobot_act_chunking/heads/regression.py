@@ -29,17 +29,12 @@ class RegressionHead(ElementHead):
         """Actions of every step, in order."""
         return self.projection(features).unflatten(-1, (self.actions_per_query, -1)).flatten(1, 2)
 
-    def error(
-        self, predicted: Float[Tensor, "B T A"], target: Float[Tensor, "B T A"]
-    ) -> Float[Tensor, "B T A"]:
-        """Error of each action element, in normalised action units."""
-        return (predicted - target).abs() if self.power == 1 else (predicted - target).square()
-
     def element_loss(
         self, features: Float[Tensor, "B Q D"], actions: Float[Tensor, "B T A"]
     ) -> Float[Tensor, "B T A"]:
         """Error of each element, in normalised action units (squared with ``power`` 2)."""
-        return self.error(self(features), actions)
+        difference = self(features) - actions
+        return difference.abs() if self.power == 1 else difference.square()
 
     def choose(self, features: Float[Tensor, "B q D"], draws: Tensor | None) -> Float[Tensor, "B t A"]:
         """The prediction."""

@@ -1,3 +1,4 @@
+import pytest
 import torch
 
 from lerobot_act_chunking.heads.regression import RegressionHead
@@ -23,7 +24,9 @@ def test_one_action_per_query_is_a_linear_layer():
     torch.testing.assert_close(head(features), head.projection(features))
 
 
-def test_error_is_absolute_and_per_element():
-    head = RegressionHead(D, A, actions_per_query=1)
-    predicted, target = torch.full((B, Q, A), 1.0), torch.full((B, Q, A), 3.5)
-    assert torch.equal(head.error(predicted, target), torch.full((B, Q, A), 2.5))
+@pytest.mark.parametrize(("power", "expected"), [(1, 2.5), (2, 6.25)])
+def test_loss_is_the_error_of_each_element(power, expected):
+    head = RegressionHead(D, A, actions_per_query=1, power=power)
+    features = torch.randn(B, Q, D)
+    loss = head.element_loss(features, head(features) + torch.tensor([2.5, -2.5, 2.5, -2.5]))
+    torch.testing.assert_close(loss, torch.full((B, Q, A), expected))
