@@ -123,6 +123,12 @@ class Case:
         generator = torch.Generator().manual_seed(6)
         if self.type == "diffusion_chunked":
             return {"noise": torch.randn(batch_size, T, A, generator=generator)}
+        if self.type == "act_chunked" and self.config().samples:
+            network = self.policy().model
+            return {
+                "noise": torch.randn(batch_size, network.latent.n_noise, generator=generator),
+                "draws": torch.rand(batch_size, *network.head.draws_shape, generator=generator),
+            }
         if self.type == "vqbet_chunked":
             n_codes = make_tokenizer(self.config().tokenizer_spec).n_codes
             return {"noise": torch.rand(batch_size, n_codes, generator=generator)}
@@ -181,6 +187,13 @@ GUIDED = {
     "condition_dropout": 0.5,
     "guidance_scale": 1.5,
 }
+SAMPLED = {
+    "use_vae": True,
+    "latent_type": "conditional",
+    "z_inference": "sample",
+    "action_likelihood": "gaussian",
+    "action_temperature": 1.0,
+}
 PARALLEL = {"sequentially_select": False, "use_ema": False}
 LEROBOT_AT_T = {"n_obs_steps": 1, "n_action_pred_token": 1, "head_hidden_dims": (), "kmeans_iters": 0}
 
@@ -190,6 +203,7 @@ CASES = [
     Case("vectors", "act_chunked", STATE | VELOCITY | ENVIRONMENT, {"actions_per_query": 5, "use_vae": True}),
     Case("cameras", "act_chunked", TOP | WRIST, {"use_vae": True}),
     Case("mixed", "act_chunked", STATE | TOP, {"preset": "paper"}),
+    Case("sampled", "act_chunked", STATE | ENVIRONMENT, SAMPLED),
     Case("state", "diffusion_chunked", STATE, {"actions_per_token": 1}),
     Case("velocity", "diffusion_chunked", STATE | ENVIRONMENT, {"prediction_type": "velocity"}),
     Case("two-step", "diffusion_chunked", STATE | VELOCITY, {"objective": "two_step"}),

@@ -65,6 +65,12 @@ def test_actions_are_drawn_anew_though_the_latent_is_held():
     assert not torch.equal(draws.draw(B).actions, draws.draw(B).actions)
 
 
+def test_the_first_of_several_samples_is_the_one_drawn_alone():
+    several, alone = make().draw(B, n_samples=N), make().draw(B)
+    assert torch.equal(several.latent[0], alone.latent[0])
+    assert torch.equal(several.actions[0], alone.actions[0])
+
+
 def test_another_number_of_samples_draws_another_latent():
     draws = make(math.inf)
     assert draws.draw(B, n_samples=N).latent.shape == (N, B, L)

@@ -37,7 +37,7 @@ def test_the_base_preset():
     config = make()
     assert (config.pre_norm, config.feedforward_activation, config.use_vae) == (True, "gelu", False)
     assert config.get_optimizer_preset().betas == (0.9, 0.95)
-    assert config.get_scheduler_preset() == CosineAnnealingWithWarmupSchedulerConfig(500)
+    assert config.get_scheduler_preset() == CosineAnnealingWithWarmupSchedulerConfig(200)
     assert config.normalization_mapping["ENV"] is NormalizationMode.MEAN_STD
 
 

@@ -11,7 +11,7 @@ from lerobot_act_chunking.errors import ConfigurationError, DatasetError, Featur
 from lerobot_act_chunking.hub.card import policy_section
 from lerobot_act_chunking.policies.act_chunked.modeling_act_chunked import ActChunkedPolicy
 
-STATE, ENVIRONMENT, VECTORS, CAMERAS, MIXED = (case for case in CASES if case.type == "act_chunked")
+STATE, ENVIRONMENT, VECTORS, CAMERAS, MIXED, SAMPLED = (case for case in CASES if case.type == "act_chunked")
 
 
 def train(policy, batch, steps):
@@ -61,7 +61,7 @@ def test_dropout_is_off_when_acting():
 
 
 def test_only_the_executed_queries_are_decoded():
-    policy, batch = STATE.policy(n_action_steps=2), STATE.batch()
+    policy, batch = STATE.policy(n_action_steps=2, actions_per_query=1), STATE.batch()
     decoded = []
     policy.model.head.register_forward_hook(lambda _, args, out: decoded.append(out.shape[1]))
     policy.select_action(batch)
@@ -236,3 +236,43 @@ def test_the_model_card_ends_with_what_the_policy_reads_and_how_it_acts(monkeypa
     card = policy.generate_model_card("me/cube", "act_chunked", None, None)
     assert card.text.endswith(policy_section(policy.config, command=sys.argv))
     assert "observation.state" in card.text
+
+
+def test_sampled_chunks_differ_and_repeat_with_their_numbers():
+    policy, batch = SAMPLED.policy(), SAMPLED.batch()
+    first, second = policy.predict_action_chunk(batch), policy.predict_action_chunk(batch)
+    assert not torch.equal(first, second)
+    policy.reset()
+    assert torch.equal(policy.predict_action_chunk(batch), first)
+    noise = SAMPLED.noise(B)
+    assert torch.equal(
+        policy.predict_action_chunk(batch, **noise), policy.predict_action_chunk(batch, **noise)
+    )
+
+
+def test_several_samples_of_each_observation():
+    policy, batch = SAMPLED.policy(z_hold="chunk"), SAMPLED.batch()
+    samples = policy.predict_samples(batch, 2)
+    assert samples.shape == (2, B, T, A)
+    policy.reset()
+    torch.testing.assert_close(policy.predict_samples(batch, 1)[0], samples[0])
+    assert not torch.equal(samples[0], samples[1])
+
+
+def test_coherence_chooses_among_samples():
+    policy = SAMPLED.policy(execution="coherence", n_samples=3, z_hold="chunk", n_action_steps=2)
+    batch = SAMPLED.batch()
+    actions = [policy.select_action(batch) for _ in range(4)]
+    assert actions[0].shape == (B, A)
+    assert torch.isfinite(torch.stack(actions)).all()
+
+
+def test_the_divergence_sets_in_with_optimiser_steps():
+    policy, batch = VECTORS.policy(kl_weight=10.0, kl_anneal="linear", kl_anneal_steps=4), VECTORS.batch()
+    policy.train()
+    shares = []
+    for _ in range(6):
+        loss, metrics = policy.forward(batch)
+        shares.append((loss.item() - metrics["l1_loss"]) / (10 * metrics["kld_loss"]))
+        policy.update()
+    assert shares == pytest.approx([0, 0.25, 0.5, 0.75, 1, 1], abs=1e-3)

@@ -9,6 +9,8 @@ from torch import Tensor
 
 from lerobot_act_chunking.sampling.noise import Environments, NoiseSource
 
+OF_CHOICES = 2**32  # apart from the seeds of latents, so that neither changes the other
+
 
 class Draws(NamedTuple):
     """Numbers for N chunks of each of n environments; None where acting takes what is likeliest.
@@ -27,8 +29,9 @@ class Draws(NamedTuple):
 
 
 class ActingDraws:
-    """Draws of every environment, from a generator of its own, so that none depends on the others.
+    """Draws of every environment, from generators of its own, so that none depends on the others.
 
+    An environment's first chunk of several is the one that it would have drawn alone.
     A latent may be held: chunks that follow each other then carry on with the same way of acting.
 
     Args:
@@ -43,12 +46,14 @@ class ActingDraws:
         self, seed: int, *, n_noise: int | None, draws_shape: Sequence[int] | None, hold_steps: float
     ):
         self.n_noise, self.draws_shape, self.hold_steps = n_noise, draws_shape, hold_steps
-        self._source = NoiseSource(seed)
+        self._latents = NoiseSource(seed)
+        self._choices = NoiseSource(seed + OF_CHOICES)
         self._held: dict[int, tuple[Tensor, float]] = {}  # latent noise (N, L), step up to which it is held
 
     def reset(self, envs: Environments = None) -> None:
         """A new episode begins in these environments; all: equal to a fresh one."""
-        self._source.reset(envs)
+        self._latents.reset(envs)
+        self._choices.reset(envs)
         for env in list(self._held) if envs is None else envs:
             self._held.pop(int(env), None)
 
@@ -69,12 +74,13 @@ class ActingDraws:
     def _latent(self, env: int, n_samples: int, step: int) -> Tensor:
         noise, until = self._held.get(env, (None, -math.inf))
         if noise is None or len(noise) != n_samples or step >= until:
-            noise = torch.randn(n_samples, self.n_noise or 0, generator=self._generator(env))
+            (generator,) = self._latents.generators(1, [env])
+            size = self.n_noise or 0
+            noise = torch.stack([torch.randn(size, generator=generator) for _ in range(n_samples)])
             self._held[env] = (noise, step + self.hold_steps)
         return noise
 
     def _actions(self, env: int, n_samples: int) -> Tensor:
-        return torch.rand(n_samples, *(self.draws_shape or ()), generator=self._generator(env))
-
-    def _generator(self, env: int) -> torch.Generator:
-        return self._source.generators(1, [env])[0]
+        (generator,) = self._choices.generators(1, [env])
+        shape = self.draws_shape or ()
+        return torch.stack([torch.rand(*shape, generator=generator) for _ in range(n_samples)])

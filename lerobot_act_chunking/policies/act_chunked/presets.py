@@ -95,10 +95,14 @@ def _base() -> dict[str, Any]:
     return {
         "normalization_mapping": _mean_std("VISUAL", "STATE", "ENV", "ACTION"),
         "execution": "crossfade",
+        "actions_per_query": 10,
         "pre_norm": True,
-        "dim_model": 512,
+        "dim_model": 256,
+        "dropout": 0.0,
         "feedforward_activation": "gelu",
         "use_vae": False,
+        "optimizer_lr": 5e-4,
+        "lr_warmup_steps": 200,
     }
 
 
