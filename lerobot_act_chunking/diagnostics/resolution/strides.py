@@ -1,0 +1,131 @@
+"""Every stride in question: what it costs, what it loses, and which one to take."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lerobot_act_chunking.data.timing import ChunkTiming
+from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes
+from lerobot_act_chunking.diagnostics.resolution.reconstruction import Reconstruction, reconstruct
+from lerobot_act_chunking.diagnostics.resolution.spectrum import Spectrum
+from lerobot_act_chunking.diagnostics.steps.positions import Measure
+from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.policies.seconds import to_chunk_size
+
+USUAL = (1, 2, 3, 4, 5, 8, 10, 16, 20, 25, 32, 40, 50)
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """What an interpolated action may be off, in 95 % of the control steps.
+
+    Attributes:
+        value: in millimetres, or as a share of each dimension's range.
+        unit: ``mm``, or ``of range``.
+    """
+
+    value: float
+    unit: str
+
+    def __str__(self) -> str:
+        return f"{self.value:g} mm" if self.unit == "mm" else f"{self.value:.2g} of each range"
+
+
+@dataclass(frozen=True)
+class Stride:
+    """One stride.
+
+    Attributes:
+        timing: its chunks.
+        fps: control steps per second.
+        reconstruction: what interpolation makes of the demonstrations.
+        worst: 95 % deviation in units of the tolerance: of the farthest point, or of the worst dimension.
+        above_nyquist: share of the energy above half the rate of predictions.
+        dimensions_above_nyquist: the same by dimension (A,); NaN where nothing moves.
+    """
+
+    timing: ChunkTiming
+    fps: float
+    reconstruction: Reconstruction
+    worst: float
+    above_nyquist: float
+    dimensions_above_nyquist: np.ndarray
+
+    @property
+    def stride(self) -> int:
+        """Control steps between predictions."""
+        return self.timing.chunk_stride
+
+    @property
+    def nyquist_hz(self) -> float:
+        """Half the rate of predictions [Hz]."""
+        return self.fps / (2 * self.stride)
+
+    @property
+    def predictions_per_second(self) -> float:
+        """Of horizon: tokens that the policy has to produce."""
+        return self.fps / self.stride
+
+
+def chunk_timing(stride: int, horizon_s: float, fps: float) -> ChunkTiming:
+    """The chunks that cover a horizon.
+
+    Raises:
+        ConfigurationError: the horizon is shorter than two predictions.
+    """
+    timing = ChunkTiming(1, max(2, to_chunk_size(horizon_s, fps, stride)), stride)
+    if stride > round(horizon_s * fps):
+        raise ConfigurationError(
+            f"chunk_stride={stride} lasts {stride / fps:.3g} s, longer than --horizon-s={horizon_s:g}: "
+            "choose a longer horizon or a smaller stride"
+        )
+    return timing
+
+
+def choose_strides(asked: Sequence[int], also: int | None, horizon_s: float, fps: float) -> list[int]:
+    """The strides to try: those asked for, or the usual ones that a horizon has room for; and ``also``."""
+    n_steps = round(horizon_s * fps)
+    wanted = set(asked) or {stride for stride in USUAL if 2 * stride < n_steps} | {1}
+    return sorted(wanted if also is None else wanted | {also})
+
+
+def measure_stride(
+    demonstrations: ActionEpisodes,
+    timing: ChunkTiming,
+    measure: Measure,
+    spectrum: Spectrum,
+    gripper_dims: Sequence[int],
+) -> Stride:
+    """What one stride loses."""
+    found = reconstruct(demonstrations, timing, measure, gripper_dims)
+    nyquist = demonstrations.fps / (2 * timing.chunk_stride)
+    return Stride(
+        timing=timing,
+        fps=demonstrations.fps,
+        reconstruction=found,
+        worst=_worst(demonstrations, found, spectrum, gripper_dims),
+        above_nyquist=spectrum.all_above(nyquist),
+        dimensions_above_nyquist=spectrum.above(nyquist),
+    )
+
+
+def _worst(
+    demonstrations: ActionEpisodes, found: Reconstruction, spectrum: Spectrum, gripper_dims: Sequence[int]
+) -> float:
+    if found.farthest is not None:
+        return found.farthest.p95
+    spans = np.ptp(np.concatenate(list(demonstrations.episodes.values())), axis=0)
+    counted = [dim for dim in np.flatnonzero(spectrum.moves) if dim not in gripper_dims]
+    return max((found.dimensions[dim].p95 / float(spans[dim]) for dim in counted), default=math.nan)
+
+
+def recommend(strides: Sequence[Stride], tolerance: Tolerance) -> Stride:
+    """The largest stride up to which all are within the tolerance; the smallest if none is."""
+    best = strides[0]
+    for stride in strides:
+        if not stride.worst <= tolerance.value:
+            break
+        best = stride
+    return best
