@@ -95,3 +95,27 @@ def test_velocities_have_the_scale_of_training_when_acting(tmp_path):
         assert not torch.equal(acting.scale, initial)
         assert torch.equal(acting.scale, policy.model.observation_encoder.differences.scale)
         assert acting.n_batches == 1
+
+
+@pytest.mark.parametrize("use_ema", [False, True])
+def test_features_that_were_kept_give_the_same_actions(monkeypatch, use_ema):
+    """Images are encoded when they come, or all of a window's when a chunk is due."""
+    policy = make(CASES["cameras"], use_ema=use_ema, execution="crossfade", replan_interval=2)
+    steps = frames(CASES["cameras"], 8)
+    kept = [policy.select_action(step) for step in steps]
+    monkeypatch.setattr(type(policy), "_perceive", lambda self, observation: observation)
+    policy.reset()
+    late = [policy.select_action(step) for step in steps]
+    torch.testing.assert_close(kept, late, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize(("replan_interval", "n_encoded"), [(1, 8), (3, 8), (4, 2 * H)])
+def test_a_frame_is_encoded_once_and_only_if_it_is_needed(replan_interval, n_encoded):
+    """Of each camera, in 8 steps: each frame, or those of two windows alone."""
+    policy = make(CASES["cameras"], execution="crossfade", replan_interval=replan_interval)
+    counts = []
+    backbone = policy.model.observation_encoder.cameras.backbone
+    backbone.register_forward_pre_hook(lambda _, inputs: counts.append(len(inputs[0])))
+    for step in frames(CASES["cameras"], 8):
+        policy.select_action(step)
+    assert sum(counts) / 2 / B == n_encoded
