@@ -67,12 +67,17 @@ class SelfAttention(Residual):
         positions: Float[Tensor, "N D"],
         is_pad: Bool[Tensor, "#B N"] | None = None,
         n_out: int | None = None,
+        *,
+        causal: bool = False,
     ) -> Float[Tensor, "B M D"]:
-        """Mix all tokens into the first ``n_out`` (all by default); the others only serve as keys."""
+        """Mix all tokens into the first ``n_out`` (all by default); the others only serve as keys.
+
+        ``causal`` tokens see themselves and those before them.
+        """
 
         def mix(y: Tensor) -> Tensor:
             placed = y + positions
-            return self.attention(placed[:, :n_out], placed, y, is_pad)
+            return self.attention(placed[:, :n_out], placed, y, is_pad, causal=causal)
 
         return self.add(x, mix)
 
@@ -167,10 +172,12 @@ class DecoderLayer(nn.Module):
         positions: Float[Tensor, "Q D"],
         memory_keys: Float[Tensor, "B N D"],
         memory: Float[Tensor, "B N D"],
+        *,
+        causal: bool = False,
     ) -> Float[Tensor, "B Q D"]:
-        """Refine queries ``x`` with what they find in ``memory``."""
+        """Refine queries ``x`` with what they find in ``memory``; ``causal`` ones do not see later ones."""
         if self.mix is not None:
-            x = self.mix(x, positions)
+            x = self.mix(x, positions, causal=causal)
         return self.refine(self.read(x, positions, memory_keys, memory))
 
 
@@ -212,7 +219,7 @@ class Decoder(nn.Module):
         return self.norm(x[:, :n_queries])
 
 
-def init_like_act(stack: Encoder | Decoder) -> None:
+def init_like_act(stack: nn.Module) -> None:
     """Xavier-uniform matrices and zero attention biases, as ACT.
 
     ACT initialises query, key and value as one (3D, D) matrix; the gain gives each of ours the same range.
