@@ -194,6 +194,7 @@ SAMPLED = {
     "action_likelihood": "gaussian",
     "action_temperature": 1.0,
 }
+AUTOREGRESSIVE = {"decoder_type": "autoregressive", "actions_per_query": 1, "n_decoder_layers": 2}
 PARALLEL = {"sequentially_select": False, "use_ema": False}
 LEROBOT_AT_T = {"n_obs_steps": 1, "n_action_pred_token": 1, "head_hidden_dims": (), "kmeans_iters": 0}
 
@@ -204,6 +205,7 @@ CASES = [
     Case("cameras", "act_chunked", TOP | WRIST, {"use_vae": True}),
     Case("mixed", "act_chunked", STATE | TOP, {"preset": "paper"}),
     Case("sampled", "act_chunked", STATE | ENVIRONMENT, SAMPLED),
+    Case("autoregressive", "act_chunked", STATE | TOP, AUTOREGRESSIVE),
     Case("state", "diffusion_chunked", STATE, {"actions_per_token": 1}),
     Case("velocity", "diffusion_chunked", STATE | ENVIRONMENT, {"prediction_type": "velocity"}),
     Case("two-step", "diffusion_chunked", STATE | VELOCITY, {"objective": "two_step"}),

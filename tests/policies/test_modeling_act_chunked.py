@@ -11,7 +11,9 @@ from lerobot_act_chunking.errors import ConfigurationError, DatasetError, Featur
 from lerobot_act_chunking.hub.card import policy_section
 from lerobot_act_chunking.policies.act_chunked.modeling_act_chunked import ActChunkedPolicy
 
-STATE, ENVIRONMENT, VECTORS, CAMERAS, MIXED, SAMPLED = (case for case in CASES if case.type == "act_chunked")
+STATE, ENVIRONMENT, VECTORS, CAMERAS, MIXED, SAMPLED, SERIAL = (
+    case for case in CASES if case.type == "act_chunked"
+)
 
 
 def train(policy, batch, steps):
@@ -276,3 +278,11 @@ def test_the_divergence_sets_in_with_optimiser_steps():
         shares.append((loss.item() - metrics["l1_loss"]) / (10 * metrics["kld_loss"]))
         policy.update()
     assert shares == pytest.approx([0, 0.25, 0.5, 0.75, 1, 1], abs=1e-3)
+
+
+def test_serial_decoding_is_teacher_forcing_on_its_own_actions():
+    policy, batch = SERIAL.policy(), SERIAL.batch()
+    chunk = policy.predict_action_chunk(batch)
+    own = batch | {"action": chunk, "action_is_pad": torch.zeros(B, T, dtype=torch.bool)}
+    assert policy.eval().forward(own)[1]["l1_loss"] < 1e-6
+    assert policy.forward(batch)[1]["l1_loss"] > 0.1
