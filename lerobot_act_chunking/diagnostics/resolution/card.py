@@ -31,7 +31,7 @@ def print_card(report: ResolutionReport, console: Console) -> None:
 
 def _strides_table(report: ResolutionReport) -> Table:
     in_mm = report.tolerance.unit == "mm"
-    names = ("rms [mm]", "95 %", "max") if in_mm else ("95 % of range",)
+    names = ("rms \\[mm]", "95 %", "max") if in_mm else ("95 % of range",)
     table = Table(box=None, pad_edge=False)
     for name in ("stride", "every", "chunk_size", "per second", "energy above", *names):
         table.add_column(name, justify="right", no_wrap=True)

@@ -28,7 +28,7 @@ MOST_ABOVE_NYQUIST = 0.01
 FEWEST_STEPS = 256
 MM, OF_RANGE = 0.5, 0.01
 
-GRIPPERS_APART = "Millimetres are those of the points between the fingertips; how far the grippers are open is not in them."
+GRIPPERS_APART = "Millimetres are between the fingertips: how far grippers are open is not in them."
 HELD = "Held between predictions, not interpolated, and not held against the tolerance: {names}."
 
 
@@ -161,7 +161,7 @@ def diagnose(demonstrations: ActionEpisodes, question: Question) -> ResolutionRe
     tolerance = _tolerance(question, measure)
     recommended = recommend(strides, tolerance)
     judged = next((each for each in strides if each.stride == question.chunk_stride), recommended)
-    verdict, reasons = _judge(demonstrations, judged, recommended, tolerance, spectrum)
+    verdict, reasons = _judge(demonstrations, question, judged, recommended, tolerance)
     return ResolutionReport(
         demonstrations=demonstrations,
         question=question,
@@ -185,26 +185,32 @@ def _tolerance(question: Question, measure: Measure) -> Tolerance:
 
 def _judge(
     demonstrations: ActionEpisodes,
+    question: Question,
     judged: Stride,
     recommended: Stride,
     tolerance: Tolerance,
-    spectrum: Spectrum,
 ) -> tuple[str, list[str]]:
     n_steps = sum(map(len, demonstrations.episodes.values()))
     if n_steps < FEWEST_STEPS:
         return "inconclusive", [f"{n_steps} control steps are too few to judge by, it takes {FEWEST_STEPS}"]
-    if not spectrum.moves.any():
+    if np.isnan(judged.above_nyquist):
         return "inconclusive", ["no action ever changes: there is nothing to resolve"]
     if not judged.worst <= tolerance.value:
         return "fail", [_too_coarse(judged, recommended, tolerance)]
     within = f"at chunk_stride={judged.stride} {_told(judged, tolerance)} (95 % of the steps)"
     reasons = [f"{within}, allowed {tolerance}"]
-    if judged.above_nyquist <= MOST_ABOVE_NYQUIST:
+    fast = [
+        f"{name} ({share:.1%})"
+        for dim, name in enumerate(demonstrations.names)
+        if (share := judged.dimensions_above_nyquist[dim]) > MOST_ABOVE_NYQUIST
+        and dim not in question.gripper_dims
+    ]
+    if not fast:
         return "pass", reasons
     return "warn", [
         *reasons,
-        f"but {judged.above_nyquist:.1%} of the energy lies above {judged.nyquist_hz:.3g} Hz, which such "
-        "predictions cannot show: it comes back as slow motion that nobody demonstrated",
+        f"but energy lies above {judged.nyquist_hz:.3g} Hz, which predictions so far apart cannot show, and "
+        f"returns as slower motion that nobody demonstrated: {', '.join(fast)}",
     ]
 
 

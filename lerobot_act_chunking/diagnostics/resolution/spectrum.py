@@ -8,6 +8,8 @@ from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes
 
 STILL = 1e-3
 """Range, as a share of the largest range of any dimension, below which a dimension counts as held still."""
+STRAIGHT = 1e-12
+"""Energy, as a share of the squared range, that straight lines leave behind by rounding."""
 SHORTEST = 8
 """Control steps below which an episode has no spectrum worth the name."""
 
@@ -57,4 +59,5 @@ def measure_spectrum(demonstrations: ActionEpisodes) -> Spectrum:
         )
         for dim in range(power.shape[1]):
             power[:, dim] += np.interp(grid, frequencies, density[:, dim]) * len(rows)
-    return Spectrum(grid, power / max(len(everything), 1), (spans > STILL * spans.max()) & (spans > 0))
+    moves = (spans > STILL * spans.max()) & (power.sum(0) > STRAIGHT * spans**2)
+    return Spectrum(grid, power / len(everything), moves)

@@ -85,10 +85,10 @@ def chunk_timing(stride: int, horizon_s: float, fps: float) -> ChunkTiming:
 
 
 def choose_strides(asked: Sequence[int], also: int | None, horizon_s: float, fps: float) -> list[int]:
-    """The strides to try: those asked for, or the usual ones that a horizon has room for; and ``also``."""
+    """The strides to try: those asked for, or the usual ones a horizon has room for; ``also``; and 1."""
     n_steps = round(horizon_s * fps)
-    wanted = set(asked) or {stride for stride in USUAL if 2 * stride < n_steps} | {1}
-    return sorted(wanted if also is None else wanted | {also})
+    wanted = set(asked) or {stride for stride in USUAL if 2 * stride < n_steps}
+    return sorted(wanted | {1} | (set() if also is None else {also}))
 
 
 def measure_stride(
@@ -122,9 +122,9 @@ def _worst(
 
 
 def recommend(strides: Sequence[Stride], tolerance: Tolerance) -> Stride:
-    """The largest stride up to which all are within the tolerance; the smallest if none is."""
-    best = strides[0]
-    for stride in strides:
+    """The largest stride up to which all are within the tolerance; the first loses nothing."""
+    best, *others = strides
+    for stride in others:
         if not stride.worst <= tolerance.value:
             break
         best = stride
