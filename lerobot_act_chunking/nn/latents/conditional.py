@@ -24,14 +24,12 @@ class ConditionalLatent(Latent):
         super().__init__()
         self.dim, self.n_parameters, self.n_noise = dim, 2 * dim, dim
         self.temperature = temperature
+        last = nn.Linear(token_dim, 2 * dim)
+        nn.init.zeros_(last.weight)
+        nn.init.zeros_(last.bias)
         self.predict = nn.Sequential(
-            nn.LayerNorm(token_dim),
-            nn.Linear(token_dim, token_dim),
-            nn.GELU(),
-            nn.Linear(token_dim, 2 * dim),
+            nn.LayerNorm(token_dim), nn.Linear(token_dim, token_dim), nn.GELU(), last
         )
-        nn.init.zeros_(self.predict[-1].weight)
-        nn.init.zeros_(self.predict[-1].bias)
 
     def _posterior(
         self,

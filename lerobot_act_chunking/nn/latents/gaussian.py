@@ -39,6 +39,11 @@ class GaussianLatent(Latent):
         self.fit_density(torch.ones(1), torch.zeros(1, dim), torch.eye(dim)[None])
         self.register_load_state_dict_pre_hook(keep_missing_buffers)  # acts with N(0, I)
 
+    @property
+    def fitted(self) -> bool:
+        """Whether acting samples another density than N(0, I)."""
+        return bool(self.means.any()) or int((self.weights > 0).sum()) > 1
+
     def fit_density(
         self, weights: Float[Tensor, " M"], means: Float[Tensor, "M L"], scales: Float[Tensor, "M L L"]
     ) -> None:

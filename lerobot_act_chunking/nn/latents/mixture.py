@@ -119,7 +119,7 @@ class MixtureLatent(Latent):
 
         seen = self.remembered[: int(self.n_seen)].double().cpu()
         n_clusters = min(len(self.means), len(seen))
-        found = KMeans(n_clusters, n_init=4, random_state=0).fit(seen.numpy())
+        found = KMeans(n_clusters, n_init=4, random_state=0).fit(seen.numpy())  # pyright: ignore[reportArgumentType]
         label = torch.nn.functional.one_hot(torch.as_tensor(found.labels_).long(), n_clusters).double()
         share = label.mean(0)
         centres = torch.as_tensor(found.cluster_centers_)

@@ -1,0 +1,102 @@
+"""What a policy's latent makes of demonstrations, and what the decoder makes of styles."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from lerobot.utils.constants import OBS_STATE
+from torch import Tensor
+
+from lerobot_act_chunking.data.batch import ActionTarget, Observation
+from lerobot_act_chunking.data.masking import hold_padding
+from lerobot_act_chunking.diagnostics.latent.samples import Samples
+from lerobot_act_chunking.diagnostics.latent.subject import Subject
+from lerobot_act_chunking.policies.act_chunked.network import Lesson
+
+
+@dataclass(frozen=True)
+class Encoded:
+    """Demonstrations in the latent space.
+
+    Attributes:
+        mean: (N, L) of the posteriors.
+        divergence: (N, J) from the prior that was trained [nats].
+        z: (N, L) a sample of each posterior.
+        prior: (N, L) samples of the prior as the policy has it, for the same observations.
+        mode: (N, L) its mode.
+    """
+
+    mean: Float[np.ndarray, "N L"]
+    divergence: Float[np.ndarray, "N J"]
+    z: Float[np.ndarray, "N L"]
+    prior: Float[np.ndarray, "N L"]
+    mode: Float[np.ndarray, "N L"]
+
+
+@torch.no_grad()
+def encode(subject: Subject, samples: Samples, *, seed: int) -> Encoded:
+    """Posteriors of demonstrations, and the prior's samples in the same situations."""
+    network, latent = subject.network, subject.latent
+    generator = torch.Generator().manual_seed(seed)
+    parts: list[tuple[Tensor, ...]] = []
+    for lesson in _lessons(subject, samples):
+        tokens = lesson.seen.tokens
+        noise = torch.randn(2, len(tokens), latent.n_noise, generator=generator).to(tokens)
+        posterior = network.posterior(lesson, noise[0])
+        styles = posterior.z, latent.prior(noise[1], tokens), latent.prior(None, tokens)
+        parts.append((posterior.mean, posterior.divergence, *styles))
+    return Encoded(*(torch.cat(each).double().cpu().numpy() for each in zip(*parts, strict=True)))
+
+
+@torch.no_grad()
+def reconstruction_errors(
+    subject: Subject, samples: Samples, styles: Mapping[str, Float[np.ndarray, "N L"]], *, seed: int
+) -> dict[str, Float[np.ndarray, " N"]]:
+    """Mean absolute error of each chunk [normalised units] when it is decoded from these styles.
+
+    Actions behind the episode's end do not count. A head that samples does so with the same numbers for all.
+    """
+    network, config = subject.network, subject.config
+    n_queries = config.chunk_size // config.actions_per_query
+    generator = torch.Generator().manual_seed(seed)
+    errors: dict[str, list[Tensor]] = {name: [] for name in styles}
+    done = 0
+    for lesson in _lessons(subject, samples):
+        size = len(lesson.seen.tokens)
+        shape = network.head.draws_shape
+        draws = torch.rand(size, *shape, generator=generator).to(lesson.seen.tokens) if shape else None
+        for name, values in styles.items():
+            z = torch.from_numpy(values[done : done + size]).to(lesson.seen.tokens)
+            actions = network.act(lesson.seen, z, draws, n_queries)
+            errors[name].append(_absolute_error(actions, lesson.target))
+        done += size
+    return {name: torch.cat(parts).double().cpu().numpy() for name, parts in errors.items()}
+
+
+def _absolute_error(actions: Float[Tensor, "B T A"], target: ActionTarget) -> Float[Tensor, " B"]:
+    valid = ~target.is_pad
+    by_step = (actions - target.actions).abs().mean(-1)
+    return (by_step * valid).sum(1) / valid.sum(1)
+
+
+def _lessons(subject: Subject, samples: Samples) -> Iterator[Lesson]:
+    for raw in samples.batches():
+        yield _lesson(subject, subject.loaded.preprocessor(raw))
+
+
+def _lesson(subject: Subject, batch: Mapping[str, Any]) -> Lesson:
+    config = subject.config
+    window = Observation.window_from_lerobot(batch, config.feature_spec, config.n_obs_steps)
+    target = ActionTarget.from_lerobot(batch, config.feature_spec, config.chunk_size)
+    actions = hold_padding(target.actions, target.is_pad)
+    state = window.vectors.get(OBS_STATE)
+    return Lesson(
+        seen=subject.network.see(window),
+        state=None if state is None else state[:, -1],
+        target=ActionTarget(actions, target.is_pad),
+        taught=actions,
+        shown=None,
+    )

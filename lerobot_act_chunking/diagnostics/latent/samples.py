@@ -1,0 +1,106 @@
+"""Demonstrations as a policy's training sees them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int64
+from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
+from lerobot.datasets.factory import resolve_delta_timestamps
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from lerobot.utils.constants import ACTION
+from torch.utils.data import DataLoader, Subset
+
+from lerobot_act_chunking.data.fast_chunks.dataset import FastChunkDataset
+from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
+from lerobot_act_chunking.errors import DatasetError, FeatureError
+
+AT_ONCE = 256
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Observations with action chunks, evenly spread over a dataset.
+
+    Attributes:
+        folder: of the dataset.
+        rows: (N,) frames, in order.
+        episode: (N,) index of the episode of each.
+        progress: (N,) place in it, from 0 to 1.
+    """
+
+    folder: str
+    dataset: LeRobotDataset
+    rows: Int64[np.ndarray, " N"]
+    episode: Int64[np.ndarray, " N"]
+    progress: Float[np.ndarray, " N"]
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def every(self, step: int) -> "Samples":
+        """The first of each ``step`` samples."""
+        kept = slice(None, None, step)
+        return Samples(self.folder, self.dataset, self.rows[kept], self.episode[kept], self.progress[kept])
+
+    def batches(self) -> Iterator[dict[str, Any]]:
+        """Raw batches, in order."""
+        yield from DataLoader(Subset(self.dataset, self.rows.tolist()), batch_size=AT_ONCE)
+
+
+def read_samples(folder: str, config: Any, most: int) -> Samples:
+    """Open a LeRobotDataset for a policy.
+
+    Args:
+        folder: where it is.
+        config: the policy's configuration.
+        most: how many samples to take; fewer if there are not as many.
+
+    Raises:
+        DatasetError: there is no dataset, or it is damaged or empty.
+        FeatureError: it lacks what the policy needs, or has another shape of it.
+    """
+    path = Path(folder)
+    if not (path / "meta" / "info.json").is_file():
+        raise DatasetError(
+            f"there is no dataset at {folder}: give a LeRobotDataset's folder (with meta/info.json)"
+        )
+    quiet_missing_ffmpeg()
+    name = f"local/{path.name}"
+    try:
+        meta = LeRobotDatasetMetadata(name, root=path)
+        _check_features(folder, meta.features, config)
+        deltas = resolve_delta_timestamps(config, meta)
+        dataset = FastChunkDataset(name, root=path, delta_timestamps=deltas)
+        episode = np.asarray(dataset.hf_dataset.with_format("numpy")["episode_index"][:], np.int64)
+    except FeatureError:
+        raise
+    except Exception as error:  # whatever LeRobot and its parsers raise on damaged files
+        raise DatasetError(f"the dataset at {folder} cannot be read: {error!r}") from error
+    if not episode.size:
+        raise DatasetError(f"the dataset at {folder} holds no episodes")
+    rows = np.unique(np.linspace(0, len(episode) - 1, most).round().astype(np.int64))
+    return Samples(folder, dataset, rows, episode[rows], _progress(episode)[rows])
+
+
+def _check_features(folder: str, features: dict[str, dict[str, Any]], config: Any) -> None:
+    for key, wanted in {**config.input_features, ACTION: config.action_feature}.items():
+        if key not in features:
+            present = ", ".join(features)
+            raise FeatureError(f"the policy needs {key!r}, but the dataset at {folder} has {present}")
+        shape = tuple(features[key]["shape"])
+        if len(wanted.shape) == 1 and shape != tuple(wanted.shape):
+            raise FeatureError(
+                f"{key!r} has shape {shape} in the dataset at {folder}, but the policy was built for "
+                f"{tuple(wanted.shape)}"
+            )
+
+
+def _progress(episode: Int64[np.ndarray, " F"]) -> Float[np.ndarray, " F"]:
+    """Place of each frame in its episode, from 0 to 1."""
+    starts = np.flatnonzero(np.diff(episode, prepend=episode[0] - 1))
+    lengths = np.diff([*starts, len(episode)])
+    step = np.arange(len(episode)) - np.repeat(starts, lengths)
+    return step / np.maximum(np.repeat(lengths, lengths) - 1, 1)

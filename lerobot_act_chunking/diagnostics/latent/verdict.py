@@ -1,0 +1,151 @@
+"""The answer in words: posterior collapse, prior hole, or healthy?"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from lerobot_act_chunking.diagnostics.latent.measures import SMALLEST_GROUP, Group, Health, PriorCheck
+
+HEALTHY, COLLAPSE, HOLE = "healthy", "posterior collapse", "prior hole"
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """When to worry.
+
+    Attributes:
+        information: decoding with another demonstration's style must raise the error by this share; else the
+            decoder does not listen to the latent.
+        outside: share of the prior's samples that nothing demonstrated is like.
+        starved: share of the demonstrations that the prior hardly samples.
+        poor_group: error of a group, relative to the mean of all, beyond which the decoder has not learned it.
+    """
+
+    information: float = 0.05
+    outside: float = 0.1
+    starved: float = 0.02
+    poor_group: float = 2.0
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """The answer.
+
+    Attributes:
+        diagnosis: ``posterior collapse``, ``prior hole`` or ``healthy``.
+        verdict: pass, warn or fail.
+        reasons: whole sentences, the diagnosis's first.
+    """
+
+    diagnosis: str
+    verdict: str
+    reasons: list[str]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the answer rests on.
+
+    Attributes:
+        config: of the policy.
+        health: of its posteriors.
+        errors: mean absolute error [normalised units] by where the style is from.
+        acting: the prior that the policy samples, or would, if told to.
+        groups: of the demonstrations.
+        is_fitted: whether the prior was fitted after training.
+    """
+
+    config: Any
+    health: Health
+    errors: Mapping[str, float]
+    acting: PriorCheck
+    groups: list[Group]
+    is_fitted: bool
+
+    @property
+    def information(self) -> float:
+        """By which share the error rises with another demonstration's style."""
+        return self.errors["shuffled"] / max(self.errors["posterior"], 1e-12) - 1
+
+
+def judge(evidence: Evidence, thresholds: Thresholds) -> Judgement:
+    """Diagnose a latent.
+
+    A collapsed latent is a warning: the policy acts as one without a latent, which may be all that the task
+    takes. A hole is a failure only if the policy acts by sampling.
+    """
+    poor = _poor_groups(evidence, thresholds)
+    collapse = _collapse(evidence, thresholds)
+    if collapse:
+        return Judgement(COLLAPSE, "warn", [f"{' and '.join(collapse)}: {_listen(evidence)}", *poor])
+    hole = _hole(evidence, thresholds)
+    if hole:
+        samples = evidence.config.z_inference == "sample"
+        verdict = "fail" if samples else "warn"
+        kept = (
+            [] if samples else ["it acts with the mode of the prior (z_inference=mode), which samples none"]
+        )
+        return Judgement(HOLE, verdict, [f"{' and '.join(hole)}: {_fill(evidence)}", *kept, *poor])
+    found = (
+        f"the latent tells {evidence.health.kl:.2g} nats, another demonstration's style raises the error by "
+        f"{evidence.information:.0%}, and {1 - evidence.acting.outside:.0%} of the prior's samples are like "
+        "demonstrated ones"
+    )
+    return Judgement(HEALTHY, "warn" if poor else "pass", [found, *poor])
+
+
+def _collapse(evidence: Evidence, thresholds: Thresholds) -> list[str]:
+    found = []
+    if not evidence.health.active_units:
+        largest = max(evidence.health.mean_variance)
+        found.append(f"no dimension of the latent differs between demonstrations (variance {largest:.1g})")
+    if evidence.information < thresholds.information:
+        change = max(evidence.information, 0.0)
+        found.append(f"another demonstration's style changes the error by {change:.1%} only")
+    return found
+
+
+def _listen(evidence: Evidence) -> str:
+    weight = evidence.config.kl_weight
+    return (
+        "the policy acts as one without a latent, which is fine if there is one way to do the task; else lower "
+        f"--policy.kl_weight (now {weight:g}, try {weight / 10:g}) or give --policy.free_bits=0.05"
+    )
+
+
+def _hole(evidence: Evidence, thresholds: Thresholds) -> list[str]:
+    acting, found = evidence.acting, []
+    if acting.outside > thresholds.outside:
+        found.append(f"{acting.outside:.0%} of the prior's samples are unlike every demonstrated style")
+    if acting.starved > thresholds.starved:
+        found.append(f"it hardly samples styles that {acting.starved:.0%} of the demonstrations have")
+    return found
+
+
+def _fill(evidence: Evidence) -> str:
+    kind = evidence.config.latent_type
+    if kind == "gaussian" and not evidence.is_fitted:
+        return (
+            "fit the prior to the demonstrations (act-chunking fit-prior, no training), or train with "
+            "--policy.latent_type=mixture or categorical"
+        )
+    if kind == "gaussian":
+        return "the fitted density does not follow these demonstrations: fit it to them again"
+    if kind == "categorical":
+        return "train for longer: codes are in use that later ones replaced"
+    return "train for longer, or use --policy.latent_type=gaussian and act-chunking fit-prior"
+
+
+def _poor_groups(evidence: Evidence, thresholds: Thresholds) -> list[str]:
+    """Groups that not even their own styles reconstruct: not the latent's fault but the decoder's."""
+    mean = evidence.errors["posterior"]
+    poor = [
+        f"{number} ({group.share:.0%} of the demonstrations, {group.error / mean:.1f} times the usual error)"
+        for number, group in enumerate(evidence.groups, 1)
+        if group.share >= SMALLEST_GROUP
+        and group.error is not None
+        and group.error > thresholds.poor_group * mean
+    ]
+    if not poor:
+        return []
+    return [f"the decoder has not learned group {', '.join(poor)}: train for longer, or show it more often"]
