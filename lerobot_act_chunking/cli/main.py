@@ -11,10 +11,12 @@ from rich.console import Console
 from lerobot_act_chunking.cli import hub
 from lerobot_act_chunking.cli.bandwidth import bandwidth_command
 from lerobot_act_chunking.cli.codebook import codebook_command
+from lerobot_act_chunking.cli.fit_prior import fit_prior_command, latent_command
 from lerobot_act_chunking.cli.import_checkpoint import import_command
 from lerobot_act_chunking.cli.motion import motion_command
 from lerobot_act_chunking.cli.quickstart import quickstart_command
 from lerobot_act_chunking.cli.record import record_command
+from lerobot_act_chunking.cli.resolution import resolution_command
 from lerobot_act_chunking.cli.smoothness import smoothness_command
 from lerobot_act_chunking.cli.steps import steps_command
 from lerobot_act_chunking.cli.train_tokenizer import train_tokenizer_command
@@ -34,11 +36,14 @@ app = typer.Typer(
 app.command("quickstart")(quickstart_command)
 app.command("record")(record_command)
 app.command("train-tokenizer")(train_tokenizer_command)
+app.command("fit-prior")(fit_prior_command)
 app.command("import")(import_command)
 app.command("wrap")(wrap_command)
 app.command("motion")(motion_command)
 app.command("smoothness")(smoothness_command)
 app.command("bandwidth")(bandwidth_command)
+app.command("resolution")(resolution_command)
+app.command("latent")(latent_command)
 app.command("steps")(steps_command)
 app.command("codebook")(codebook_command)
 app.add_typer(hub.app, name="hub")

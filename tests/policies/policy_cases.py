@@ -194,7 +194,12 @@ SAMPLED = {
     "action_likelihood": "gaussian",
     "action_temperature": 1.0,
 }
-AUTOREGRESSIVE = {"decoder_type": "autoregressive", "actions_per_query": 1, "n_decoder_layers": 2}
+AUTOREGRESSIVE = {
+    "image_tokens": "summary",
+    "decoder_type": "autoregressive",
+    "actions_per_query": 1,
+    "n_decoder_layers": 2,
+}
 PARALLEL = {"sequentially_select": False, "use_ema": False}
 LEROBOT_AT_T = {"n_obs_steps": 1, "n_action_pred_token": 1, "head_hidden_dims": (), "kmeans_iters": 0}
 

@@ -4,6 +4,7 @@ from lerobot.utils.constants import OBS_STATE
 
 from lerobot_act_chunking.heads.make import make_action_head
 from lerobot_act_chunking.nn.autoregressive import AutoregressiveDecoder
+from lerobot_act_chunking.nn.camera_summary import CameraSummaries
 from lerobot_act_chunking.nn.latents.latent import Latent
 from lerobot_act_chunking.nn.latents.make import make_latent
 from lerobot_act_chunking.nn.observation import CameraTokens, ObservationEncoder, VectorTokens
@@ -61,7 +62,8 @@ def _observation_encoder(config: ActChunkedConfig, weights: str | None) -> Obser
     cameras = None
     if features.images:
         backbone, channels = make_backbone(config.vision_backbone, config.backbone_norm, weights)
-        cameras = CameraTokens(features.images, config.dim_model, backbone, channels)
+        kind = CameraSummaries if config.image_tokens == "summary" else CameraTokens
+        cameras = kind(features.images, config.dim_model, backbone, channels)
     return ObservationEncoder(
         vectors=VectorTokens(dims, config.dim_model) if dims else None,
         cameras=cameras,

@@ -45,6 +45,11 @@ def check(config: "ActChunkedConfig") -> None:
 
 def _check_history(config: "ActChunkedConfig") -> None:
     if config.n_obs_steps > 1:
+        if config.image_tokens == "summary":
+            raise ConfigurationError(
+                f"image_tokens=summary reads the current image alone, but n_obs_steps={config.n_obs_steps}: "
+                "set --policy.n_obs_steps=1 or --policy.image_tokens=cells"
+            )
         return
     for name in ("use_velocity", "history_dropout"):
         if getattr(config, name):

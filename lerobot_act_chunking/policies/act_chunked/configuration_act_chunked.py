@@ -36,6 +36,8 @@ class ActChunkedConfig(ChunkedConfig):
         n_obs_steps: observations that the policy sees, the current one last.
         obs_stride: control steps between two of them.
         history_dropout: how often training shows the current observation in place of the earlier ones.
+        image_tokens: each camera's image is a token for every cell of its feature map (``cells``, ACT), or a
+            single one that knows where things are (``summary``): cheaper, and learned from few frames.
         history_image_grid: cells a side to which the feature maps of earlier images are averaged.
         use_velocity: how fast the vectors change, as a further input, from the last two observations.
 
@@ -97,6 +99,7 @@ class ActChunkedConfig(ChunkedConfig):
     n_obs_steps: int = PRESET
     obs_stride: int = PRESET
     history_dropout: float = PRESET
+    image_tokens: Literal["cells", "summary"] = "cells"
     history_image_grid: int = 1
     use_velocity: bool = PRESET
 
