@@ -9,23 +9,23 @@ from lerobot_act_chunking.nn.latents.health import ACTIVE_NATS, ACTIVE_VARIANCE
 
 COLOURS = {"pass": "green", "warn": "yellow", "fail": "red"}
 MOST_ROWS = 16
-SOURCES = {
-    "posterior": "the demonstration's own (posterior)",
-    "shuffled": "another demonstration's",
-    "mode": "the mode of the prior",
-}
+LEGEND = (
+    "* what acting uses; error: mean absolute [normalised units]; undemonstrated: samples unlike every "
+    "demonstrated style; starved: demonstrations whose styles are hardly sampled"
+)
+SOURCES = {"posterior": "posterior", "shuffled": "another's posterior", "mode": "mode of the prior"}
 
 
 def print_card(report: LatentReport, console: Console) -> None:
     """Print the divergences, the errors by source of style, the groups and the verdict."""
-    console.print(
-        f"[bold]{describe(report)}[/] [dim]({escape(report.subject.checkpoint)})[/]", soft_wrap=True
-    )
+    origin = f"[dim]({escape(report.subject.checkpoint)})[/]"
+    console.print(f"[bold]{describe(report)}[/] {origin}", soft_wrap=True)
     episodes = len(set(report.samples.episode.tolist()))
     data = f"{len(report.samples)} chunks from {episodes} episodes of {report.samples.folder}"
     console.print(data, highlight=False, soft_wrap=True)
-    console.print(_divergences(report), highlight=False)
+    console.print(_divergences(report), highlight=False, soft_wrap=True)
     console.print(_errors_table(report))
+    console.print(LEGEND, style="dim", highlight=False)
     console.print(_groups_table(report))
     judgement = report.judgement
     reasons = "; ".join(judgement.reasons)
@@ -43,43 +43,35 @@ def describe(report: LatentReport) -> str:
 def source_name(report: LatentReport, source: str) -> str:
     """Where a style is from, in words."""
     if source == "mode" and report.subject.config.latent_type == "gaussian":
-        return "zero (mode of the prior)"
+        return "zero, the mode"
     if source in SOURCES:
         return SOURCES[source]
-    return (
-        "a sample of the prior"
-        if source == "prior"
-        else f"a sample of the {source}".replace(f"the {STANDARD}", STANDARD)
-    )
+    return f"sample of {source}" if source == STANDARD else f"sample of the {source}"
 
 
 def _divergences(report: LatentReport) -> str:
     health = report.health
     by_dimension = sorted(health.kl_by_dimension, reverse=True)
-    told = f"KL {health.kl:.3g} nats from the trained prior"
+    told = f"KL {health.kl:.3g} nats"
     if len(by_dimension) > 1:
         largest = ", ".join(f"{kl:.2g}" for kl in by_dimension[:MOST_ROWS])
         more = ", ..." if len(by_dimension) > MOST_ROWS else ""
-        told += (
-            f"; by dimension {largest}{more}\n{health.kl_active_dims} of {len(by_dimension)} dimensions above "
-            f"{ACTIVE_NATS:g} nats"
-        )
-    return f"{told}\n{health.active_units} active units (variance of the posterior mean above {ACTIVE_VARIANCE:g})"
+        told += f", {health.kl_active_dims} of {len(by_dimension)} dimensions above {ACTIVE_NATS:g}"
+        told += f": {largest}{more}"
+    active = f"{health.active_units} active units (variance of the posterior mean above {ACTIVE_VARIANCE:g})"
+    return f"{told}\n{active}"
 
 
 def _errors_table(report: LatentReport) -> Table:
-    table = _table("style decoded", "error", "x posterior", "undemonstrated", "starved")
+    table = _table("style", "error", "x posterior", "undemonstrated", "starved")
     checks = {check.name: check for check in report.priors}
     best = max(report.errors["posterior"], 1e-12)
     for source, error in report.errors.items():
         check = checks.get(source)
         figures = ("-", "-") if check is None else (f"{check.outside:.1%}", f"{check.starved:.1%}")
-        mark = " [bold]<- acts with[/]" if source == _acts_with(report) else ""
-        table.add_row(source_name(report, source) + mark, f"{error:.4f}", f"{error / best:.2f}", *figures)
-    table.caption = (
-        "error: mean absolute, normalised units; undemonstrated: samples unlike every demonstrated style; "
-        "starved: demonstrations whose styles it hardly samples"
-    )
+        name = source_name(report, source)
+        told = f"[bold]{name} *[/]" if source == _acts_with(report) else name
+        table.add_row(told, f"{error:.4f}", f"{error / best:.2f}", *figures)
     return table
 
 
@@ -88,7 +80,8 @@ def _acts_with(report: LatentReport) -> str:
 
 
 def _groups_table(report: LatentReport) -> Table:
-    table = _table("group", "demonstrations", *(check.name for check in report.priors), "posterior error")
+    what = "code" if report.density is None else "group"
+    table = _table(what, "demonstrations", *(check.name for check in report.priors), "posterior error")
     order = sorted(range(len(report.groups)), key=lambda group: -report.groups[group].share)
     for i in order[:MOST_ROWS]:
         group = report.groups[i]
@@ -99,7 +92,7 @@ def _groups_table(report: LatentReport) -> Table:
 
 
 def _table(*names: str) -> Table:
-    table = Table(box=None, pad_edge=False, caption_justify="left")
+    table = Table(box=None, pad_edge=False)
     table.add_column(names[0])
     for name in names[1:]:
         table.add_column(name, justify="right")

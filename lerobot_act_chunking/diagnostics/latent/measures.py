@@ -109,7 +109,7 @@ def share_outside(
     Distances are to the nearest style of every other episode, in the active dimensions alone, each in units
     of its standard deviation. Without an active dimension nothing is outside.
     """
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     active = encoded.mean.var(0) > ACTIVE_VARIANCE
     if not active.any():
@@ -117,7 +117,7 @@ def share_outside(
     unit = encoded.z[:, active].std(0)
     demonstrated, drawn = encoded.z[:, active] / unit, drawn[:, active] / unit
     held = _other_half(episode)
-    reference = cKDTree(demonstrated[~held])
+    reference = KDTree(demonstrated[~held])
     usual, _ = reference.query(demonstrated[held])
     distance, _ = reference.query(drawn)
     return float((distance > np.percentile(usual, WITHIN)).mean())

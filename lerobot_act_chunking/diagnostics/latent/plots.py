@@ -9,9 +9,10 @@ from jaxtyping import Float
 from lerobot_act_chunking.diagnostics.latent.card import describe, source_name
 from lerobot_act_chunking.diagnostics.latent.density import Density
 from lerobot_act_chunking.diagnostics.latent.report import FITTED, LatentReport
-from lerobot_act_chunking.nn.latents.health import ACTIVE_VARIANCE
+from lerobot_act_chunking.nn.latents.health import ACTIVE_NATS, ACTIVE_VARIANCE
 
 MOST_DRAWN = 1500
+LEAST_NATS = 0.1  # height of the axis of divergences, so that nothing does not look like something
 
 
 def plot_report(report: LatentReport, path: Path) -> Path:
@@ -45,6 +46,8 @@ def _draw_divergences(ax: Any, report: LatentReport) -> None:
     shown = slice(None, None, -(-len(at) // 16))
     ax.set_xticks(at[shown], [str(dim) for dim in order[shown]])
     ax.set(xlabel="dimension of the latent", ylabel="KL from N(0, I) [nats]")
+    ax.axhline(ACTIVE_NATS, color="0.4", linewidth=0.8, linestyle="--")
+    ax.set_ylim(top=max(1.1 * kl.max(), LEAST_NATS))
     ax.set_title(f"Divergence: {health.kl:.3g} nats, {health.active_units} active units")
     ax.legend(fontsize=9)
 
@@ -69,14 +72,14 @@ def _draw_space(ax: Any, report: LatentReport) -> None:
     plane = PCA(min(2, *mean.shape), random_state=0).fit(mean)
     explained = plane.explained_variance_ratio_
     shown = _spread(len(mean))
-    for name, colour, marker in zip(report.drawn, ("0.7", "tab:orange"), ("o", "o"), strict=False):
-        points = _flat(plane.transform(report.drawn[name][shown]))
-        ax.scatter(*points.T, s=6, c=colour, marker=marker, alpha=0.5, linewidths=0, label=f"samples: {name}")
+    first = next(iter(report.drawn))
+    points = _flat(plane.transform(report.drawn[first][shown]))
+    ax.scatter(*points.T, s=6, c="0.7", linewidths=0, label=f"samples of {first}")
     points = _flat(plane.transform(mean[shown]))
     progress = 100 * report.samples.progress[shown]
     image = ax.scatter(*points.T, s=7, c=progress, cmap="viridis", linewidths=0, label="posterior means")
     if report.density is not None and FITTED in report.drawn:
-        _draw_components(ax, report.density, plane.components_, plane.mean_)
+        _draw_components(ax, report.density, np.asarray(plane.components_), np.asarray(plane.mean_))
     ax.figure.colorbar(image, ax=ax, label="place in the episode [%]")
     labels = [
         f"principal component {i + 1} ({share:.0%})" for i, share in enumerate(np.nan_to_num(explained))
@@ -102,13 +105,13 @@ def _draw_components(
 
 def _draw_errors(ax: Any, report: LatentReport) -> None:
     at = np.arange(len(report.errors))
-    names = [source_name(report, source).replace(" (", "\n(") for source in report.errors]
+    names = [source_name(report, source) for source in report.errors]
     colours = ["tab:green" if source == "posterior" else "tab:blue" for source in report.errors]
     bars = ax.barh(at, list(report.errors.values()), color=colours, height=0.7)
     ax.bar_label(bars, fmt="%.3g", padding=3, fontsize=9)
     ax.set_yticks(at, names, fontsize=9)
     ax.invert_yaxis()
-    ax.margins(x=0.12)
+    ax.margins(x=0.2)
     ax.set(xlabel="mean absolute error [normalised units]", title="Reconstruction with the style of ...")
 
 

@@ -54,8 +54,8 @@ def load_subject(checkpoint: str) -> Subject:
         )
     if config.type != POLICY_TYPE:
         raise ConfigurationError(
-            f"{config.type} has no latent: give an {POLICY_TYPE} checkpoint (act-chunking import makes one of "
-            "LeRobot's act)"
+            f"{config.type} has no latent: give an {POLICY_TYPE} checkpoint (act-chunking import makes one "
+            "of LeRobot's act)"
         )
     if not config.use_vae:  # pyright: ignore[reportAttributeAccessIssue]
         raise ConfigurationError(

@@ -18,7 +18,7 @@ class Thresholds:
             decoder does not listen to the latent.
         outside: share of the prior's samples that nothing demonstrated is like.
         starved: share of the demonstrations that the prior hardly samples.
-        poor_group: error of a group, relative to the mean of all, beyond which the decoder has not learned it.
+        poor_group: error of a group, relative to the mean, beyond which the decoder has not learned it.
     """
 
     information: float = 0.05
@@ -83,7 +83,7 @@ def judge(evidence: Evidence, thresholds: Thresholds) -> Judgement:
         samples = evidence.config.z_inference == "sample"
         verdict = "fail" if samples else "warn"
         kept = (
-            [] if samples else ["it acts with the mode of the prior (z_inference=mode), which samples none"]
+            [] if samples else ["it acts with the mode of the prior (z_inference=mode) and samples nothing"]
         )
         return Judgement(HOLE, verdict, [f"{' and '.join(hole)}: {_fill(evidence)}", *kept, *poor])
     found = (
@@ -108,8 +108,8 @@ def _collapse(evidence: Evidence, thresholds: Thresholds) -> list[str]:
 def _listen(evidence: Evidence) -> str:
     weight = evidence.config.kl_weight
     return (
-        "the policy acts as one without a latent, which is fine if there is one way to do the task; else lower "
-        f"--policy.kl_weight (now {weight:g}, try {weight / 10:g}) or give --policy.free_bits=0.05"
+        "the policy acts as one without a latent, which is fine if there is one way to do the task; else "
+        f"lower --policy.kl_weight (now {weight:g}, try {weight / 10:g}) or give --policy.free_bits=0.05"
     )
 
 
