@@ -1,6 +1,6 @@
 """Training policies as users do, letting them act on the same episodes, and writing down what came of it.
 
-What benchmarks/diffusion_success.py and benchmarks/vqbet_success.py share. Every training and every
+What benchmarks/act_success.py, diffusion_success.py and vqbet_success.py share. Every training and every
 evaluation is written down when it is done, so that a study can be stopped and gone on with, and several
 may run side by side.
 """
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 TIMED_CHUNKS, N_ENVS = 30, 50
 COUNTED = {
+    "act": "model.encoder",
+    "act_chunked": "model.encoder",
     "diffusion": "diffusion.unet",
     "diffusion_chunked": "model.denoiser",
     "vqbet": "vqbet.policy",

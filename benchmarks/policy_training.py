@@ -29,17 +29,24 @@ class Variant:
         batch_size: of them.
         before: a command to run first; its ``{dataset}`` and ``{folder}``, like those of ``policy``, are the
             recording's and the training's.
+        fast_reader: also LeRobot's own policies learn through this package's dataset reader.
     """
 
     policy: dict[str, Any]
     steps: int
     batch_size: int
     before: tuple[str, ...] = ()
+    fast_reader: bool = False
 
     @property
     def is_lerobot(self) -> bool:
-        """LeRobot's own policy, which also keeps LeRobot's own dataset reader."""
+        """LeRobot's own policy, which also keeps LeRobot's own dataset reader unless told otherwise."""
         return not self.policy["type"].endswith("_chunked")
+
+    @property
+    def reader(self) -> str:
+        """What the environment variable says about the dataset reader."""
+        return "1" if self.fast_reader or not self.is_lerobot else "0"
 
 
 @dataclass(frozen=True)
@@ -82,7 +89,7 @@ class Training:
             return
         shutil.rmtree(self.folder, ignore_errors=True)
         self.folder.mkdir(parents=True)
-        os.environ[READER] = "0" if self.variant.is_lerobot else "1"
+        os.environ[READER] = self.variant.reader
         started, cpu = time.monotonic(), _children_seconds()
         for command in self.commands():
             run(command, console)
