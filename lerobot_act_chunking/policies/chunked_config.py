@@ -16,6 +16,7 @@ from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.errors import ConfigurationError, FeatureError, unknown_choice
 from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.hub.preflight import check_push
+from lerobot_act_chunking.nn.vision import check_backbone
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields
 from lerobot_act_chunking.policies.seconds import to_chunk_size, to_interval, to_stride
 
@@ -42,10 +43,12 @@ class ChunkedConfig(ExecutionFields, PreTrainedConfig):
         n_action_steps: how many of a chunk's first actions may be executed [control steps]; by default all.
         normalization_mapping: how each type of feature is normalised; types not named keep the default.
         norm_std_floor: least spread that normalisation divides by, in raw units (0 = none).
-        vision_backbone: a torchvision ResNet, or ``small_cnn`` for small images on a CPU.
-        pretrained_backbone_weights: torchvision weights such as ``ResNet18_Weights.IMAGENET1K_V1``. They
-            must be in torch hub's cache; nothing is downloaded.
-        backbone_norm: normalisation layers of a ResNet. Pretrained weights need ``frozen_batch``; without
+        vision_backbone: ``small_cnn`` for small images on a CPU, torchvision's ``resnet18``, ``resnet34``,
+            ``resnet50``, ``convnext_tiny`` or ``vit_b_16``, ``efficientnet_lite0``, or ``timm:<name>``.
+        pretrained_backbone_weights: ``imagenet`` for ``efficientnet_lite0``, from a package; torchvision's,
+            such as ``ResNet18_Weights.IMAGENET1K_V1``, from torch hub's cache; for timm a file. Nothing is
+            downloaded.
+        backbone_norm: put in place of batch normalisation. Pretrained weights need ``frozen_batch``; without
             them it amounts to no normalisation at all.
         use_ema: act with an exponential moving average of the weights.
         ema_power: the average's decay after n updates is ``1 - n ** -ema_power`` ...
@@ -72,7 +75,7 @@ class ChunkedConfig(ExecutionFields, PreTrainedConfig):
     normalization_mapping: dict[str, NormalizationMode] = PRESET
     norm_std_floor: float = PRESET
 
-    vision_backbone: Literal["small_cnn", "resnet18", "resnet34", "resnet50"] = "resnet18"
+    vision_backbone: str = "resnet18"
     pretrained_backbone_weights: str | None = None
     backbone_norm: Literal["group", "frozen_batch"] = PRESET
 
@@ -188,7 +191,8 @@ class ChunkedConfig(ExecutionFields, PreTrainedConfig):
                 raise ConfigurationError(f"{name}={getattr(self, name)} must not be negative")
 
     def check_backbone(self) -> None:
-        """Refuse pretrained weights with normalisation layers they were not trained with."""
+        """Refuse a backbone that does not exist, and weights with layers they were not trained with."""
+        check_backbone(self.vision_backbone, self.pretrained_backbone_weights)
         if self.pretrained_backbone_weights is not None and self.backbone_norm != "frozen_batch":
             raise ConfigurationError(
                 f"pretrained weights need backbone_norm=frozen_batch, not {self.backbone_norm}"

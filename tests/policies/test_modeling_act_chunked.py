@@ -286,3 +286,11 @@ def test_serial_decoding_is_teacher_forcing_on_its_own_actions():
     own = batch | {"action": chunk, "action_is_pad": torch.zeros(B, T, dtype=torch.bool)}
     assert policy.eval().forward(own)[1]["l1_loss"] < 1e-6
     assert policy.forward(batch)[1]["l1_loss"] > 0.1
+
+
+def test_images_shift_in_training_alone():
+    policy, batch = CAMERAS.policy(use_vae=False, random_shift=3), CAMERAS.batch()
+    losses = [policy.eval().forward(batch)[1]["l1_loss"] for _ in range(2)]
+    assert losses[0] == losses[1]
+    losses = [policy.train().forward(batch)[1]["l1_loss"] for _ in range(2)]
+    assert losses[0] != losses[1]

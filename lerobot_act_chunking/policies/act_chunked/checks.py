@@ -30,7 +30,14 @@ def check(config: "ActChunkedConfig") -> None:
             "kl_anneal_steps",
         ),
         fractions=("dropout", "history_dropout", "teacher_dropout"),
-        not_negative=("kl_weight", "free_bits", "teacher_noise_std", "z_hold_steps", "noise_seed"),
+        not_negative=(
+            "kl_weight",
+            "free_bits",
+            "teacher_noise_std",
+            "random_shift",
+            "z_hold_steps",
+            "noise_seed",
+        ),
     )
     config.check_divides("chunk_size", "actions_per_query")
     config.check_divides("dim_model", "n_heads")

@@ -40,6 +40,7 @@ class ActChunkedConfig(ChunkedConfig):
             single one that knows where things are (``summary``): cheaper, and learned from few frames.
         history_image_grid: cells a side to which the feature maps of earlier images are averaged.
         use_velocity: how fast the vectors change, as a further input, from the last two observations.
+        random_shift: training moves images by up to so many pixels each way.
 
         chunk_size: predicted actions per chunk.
         actions_per_query: consecutive actions that each decoder query emits; divides ``chunk_size``. 1 is
@@ -102,6 +103,8 @@ class ActChunkedConfig(ChunkedConfig):
     image_tokens: Literal["cells", "summary"] = "cells"
     history_image_grid: int = 1
     use_velocity: bool = PRESET
+
+    random_shift: int = 0
 
     chunk_size: int = PRESET
     actions_per_query: int = PRESET
@@ -195,7 +198,12 @@ class ActChunkedConfig(ChunkedConfig):
     @property
     def learns_at_random(self) -> bool:
         """Whether training draws random numbers beside dropout."""
-        return self.use_vae or self.decoder_type == "autoregressive" or self.history_dropout > 0
+        return (
+            self.use_vae
+            or self.decoder_type == "autoregressive"
+            or self.history_dropout > 0
+            or self.random_shift > 0
+        )
 
     @property
     def loss_name(self) -> str:

@@ -13,6 +13,7 @@ from lerobot_act_chunking.data.batch import ActionTarget, Observation
 from lerobot_act_chunking.data.masking import hold_padding
 from lerobot_act_chunking.execution.interpolation import upsample
 from lerobot_act_chunking.execution.timeline import Environments
+from lerobot_act_chunking.nn.augment import random_shift
 from lerobot_act_chunking.nn.autoregressive import corrupt
 from lerobot_act_chunking.nn.history_dropout import forget_past, which_forget
 from lerobot_act_chunking.policies.act_chunked.building import build_network
@@ -113,6 +114,12 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
             window = Observation(
                 vectors=forget_past(window.vectors, forget), images=forget_past(window.images, forget)
             )
+        if self.config.random_shift:
+            images = {
+                key: random_shift(value, self.config.random_shift, generator)
+                for key, value in window.images.items()
+            }
+            window = Observation(vectors=window.vectors, images=images)
         return window
 
     @torch.no_grad()
