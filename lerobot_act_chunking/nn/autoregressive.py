@@ -82,11 +82,12 @@ class AutoregressiveDecoder(nn.Module):
             act: chooses a block from its query's features.
         """
         memory_keys = memory + memory_positions
-        read = [layer.read.attention.remember(memory_keys, memory) for layer in self.layers]
-        earlier = [KeptKeys(n_queries) for _ in self.layers]
+        layers = [layer for layer in self.layers if isinstance(layer, DecoderLayer)]
+        read = [layer.read.attention.remember(memory_keys, memory) for layer in layers]
+        earlier = [KeptKeys(n_queries) for _ in layers]
         x, blocks = self.start.expand(len(memory), 1, -1), []
         for position in self.query_positions[:n_queries, None]:
-            for layer, kept, known in zip(self.layers, earlier, read, strict=True):
+            for layer, kept, known in zip(layers, earlier, read, strict=True):
                 x = _next(layer, x, position, kept, known)
             blocks.append(act(self.norm(x)))
             x = self.block_proj(blocks[-1].to(memory).flatten(1))[:, None]
@@ -117,15 +118,21 @@ class KeptKeys:
 
 
 def _next(
-    layer: nn.Module, x: Float[Tensor, "B 1 D"], position: Float[Tensor, "1 D"], kept: KeptKeys, known: Memory
+    layer: DecoderLayer,
+    x: Float[Tensor, "B 1 D"],
+    position: Float[Tensor, "1 D"],
+    kept: KeptKeys,
+    known: Memory,
 ) -> Float[Tensor, "B 1 D"]:
     """What a decoder layer makes of the next query, given those before."""
 
     def look_back(y: Tensor) -> Tensor:
-        attention = layer.mix.attention
+        attention = mix.attention
         return attention.read(y + position, *kept.add(*attention.remember(y + position, y)))
 
-    x = layer.mix.add(x, look_back)
+    mix = layer.mix
+    assert mix is not None  # noqa: S101  (queries interact)
+    x = mix.add(x, look_back)
     x = layer.read.add(x, lambda y: layer.read.attention.read(y + position, *known))
     return layer.refine(x)
 
