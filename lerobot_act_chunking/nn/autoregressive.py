@@ -6,6 +6,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
+from lerobot_act_chunking.nn.attention import Attention
 from lerobot_act_chunking.nn.transformer import DecoderLayer, LayerSpec, init_like_act
 
 Memory = tuple[Float[Tensor, "B H N d"], Float[Tensor, "B H N d"]]  # keys and values of one attention
@@ -126,12 +127,12 @@ def _next(
 ) -> Float[Tensor, "B 1 D"]:
     """What a decoder layer makes of the next query, given those before."""
 
-    def look_back(y: Tensor) -> Tensor:
-        attention = mix.attention
-        return attention.read(y + position, *kept.add(*attention.remember(y + position, y)))
-
     mix = layer.mix
     assert mix is not None  # noqa: S101  (queries interact)
+
+    def look_back(y: Tensor, attention: Attention = mix.attention) -> Tensor:
+        return attention.read(y + position, *kept.add(*attention.remember(y + position, y)))
+
     x = mix.add(x, look_back)
     x = layer.read.add(x, lambda y: layer.read.attention.read(y + position, *known))
     return layer.refine(x)
