@@ -184,6 +184,146 @@ def test_settings_that_cannot_work(settings, message):
         make(**settings)
 
 
+VAE = {"use_vae": True}
+SAMPLED = VAE | {"z_inference": "sample"}
+MEAN_STD = {"ACTION": NormalizationMode.MEAN_STD}
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"n_obs_steps": 0}, "n_obs_steps=0 must be at least 1"),
+        ({"obs_stride": 0}, "obs_stride=0 must be at least 1"),
+        ({"obs_stride": 5}, "obs_stride=5 needs n_obs_steps of 2 or more"),
+        ({"history_image_grid": 0}, "history_image_grid=0 must be at least 1"),
+        (
+            {"history_dropout": 0.2},
+            "history_dropout=0.2 needs earlier observations: set --policy.n_obs_steps",
+        ),
+        ({"history_dropout": 1.0, "n_obs_steps": 2}, "history_dropout=1.0 must be at least 0 and below 1"),
+        ({"use_velocity": True}, "use_velocity=True needs earlier observations: set --policy.n_obs_steps"),
+        (
+            {"image_tokens": "summary", "n_obs_steps": 2},
+            "image_tokens=summary reads the current image alone, but n_obs_steps=2",
+        ),
+        ({"n_decoder_layers": 0}, "n_decoder_layers=0 must be at least 1"),
+        ({"teacher_dropout": 1.0}, "teacher_dropout=1.0 must be at least 0 and below 1"),
+        ({"teacher_noise_std": -0.1}, "teacher_noise_std=-0.1 must not be negative"),
+        ({"noise_seed": -1}, "noise_seed=-1 must not be negative"),
+    ],
+)
+def test_observations_and_decoders_that_cannot_work(settings, message):
+    with pytest.raises(ConfigurationError, match=re.escape(message)):
+        make(**settings)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"action_likelihood": "gaussian", "nll_beta": 2.0}, "nll_beta=2.0 must be at least 0 and at most 1"),
+        ({"action_likelihood": "laplace", "min_std": 0.0}, "min_std=0.0 must be above 0 and below 1"),
+        ({"action_likelihood": "gmm", "n_components": 0}, "n_components=0 must be at least 1"),
+        ({"action_likelihood": "categorical", "n_bins": 3}, "n_bins=3 must be at least"),
+        (
+            {"action_likelihood": "categorical", "hl_gauss_sigma": -1.0},
+            "hl_gauss_sigma=-1.0 must be at least",
+        ),
+        (
+            {"action_likelihood": "categorical", "soft_local_bins": -1},
+            "soft_local_bins=-1 must be at least 0",
+        ),
+        (
+            {"action_likelihood": "categorical", "normalization_mapping": MEAN_STD},
+            "action_likelihood=categorical has bins in [-1, 1], but actions are normalised by MEAN_STD",
+        ),
+        (
+            {"action_likelihood": "categorical", "action_top_k": 4},
+            "action_top_k=4 limits what is sampled, but with action_temperature=0 nothing is",
+        ),
+        (
+            {"action_likelihood": "categorical", "action_temperature": 1.0, "action_top_k": 300},
+            "action_top_k=300 must be at least 0 and at most 256",
+        ),
+        ({"action_temperature": 1.0}, "action_temperature=1.0, but l1 predicts one action"),
+        (
+            {"action_likelihood": "gaussian", "action_temperature": -1.0},
+            "action_temperature=-1.0 must be at least 0, and finite",
+        ),
+    ],
+)
+def test_likelihoods_that_cannot_work(settings, message):
+    with pytest.raises(ConfigurationError, match=re.escape(message)):
+        make(**settings)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (VAE | {"n_latent_components": 1}, "n_latent_components=1 must be at least 2"),
+        (VAE | {"latent_warmup_steps": 0}, "latent_warmup_steps=0 must be at least 1"),
+        (SAMPLED | {"z_temperature": 0.0}, "z_temperature=0.0 must be above 0 and finite: for the likeliest"),
+        (VAE | {"n_vae_encoder_layers": 0}, "n_vae_encoder_layers=0 must be at least 1"),
+        (VAE | {"vae_action_stride": 0}, "vae_action_stride=0 must be at least 1"),
+        (VAE | {"vae_action_stride": 101}, "vae_action_stride=101 averages more actions than the chunk has"),
+        (VAE | {"kl_anneal": "linear", "kl_anneal_steps": 0}, "kl_anneal_steps=0 must be at least 1"),
+        (VAE | {"free_bits": -0.1}, "free_bits=-0.1 must not be negative"),
+        (SAMPLED | {"z_hold_steps": -1}, "z_hold_steps=-1 must not be negative"),
+        (SAMPLED | {"z_hold": "steps"}, "z_hold=steps and z_hold_steps=0 contradict each other"),
+        (SAMPLED | {"z_hold_steps": 7}, "z_hold=episode and z_hold_steps=7 contradict each other"),
+        (
+            SAMPLED | {"z_hold": "chunk", "execution": "ensemble"},
+            "z_hold=chunk samples a new latent while execution=ensemble averages chunks of older ones",
+        ),
+        (
+            SAMPLED | {"z_hold": "steps", "z_hold_steps": 7, "execution": "ensemble"},
+            "z_hold=steps samples a new latent while execution=ensemble averages",
+        ),
+        (VAE | {"execution": "coherence"}, "act_chunked predicts a single one: sample the latent"),
+        (
+            SAMPLED | {"execution": "coherence"},
+            "execution=coherence chooses anew among sampled chunks, z_hold=episode keeps",
+        ),
+    ],
+)
+def test_latents_that_cannot_work(settings, message):
+    with pytest.raises(ConfigurationError, match=re.escape(message)):
+        make(**settings)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        SAMPLED | {"z_hold": "chunk", "execution": "ensemble", "allow_mode_mixing": True},
+        SAMPLED | {"z_hold": "episode", "execution": "ensemble"},
+        SAMPLED | {"z_hold": "chunk", "execution": "coherence"},
+        {"action_likelihood": "gmm", "action_temperature": 1.0, "execution": "coherence"},
+        {"action_likelihood": "categorical"},
+        {"preset": "lecture"},
+    ],
+)
+def test_neighbours_of_what_is_refused_work(settings):
+    make(**settings)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "decoder_type",
+        "action_likelihood",
+        "latent_type",
+        "prior_component_weights",
+        "z_inference",
+        "z_hold",
+        "style_observations",
+        "kl_anneal",
+        "image_tokens",
+    ],
+)
+def test_an_unknown_choice_is_named_with_those_there_are(name):
+    with pytest.raises(ConfigurationError, match=f"unknown {name} 'other'; choose one of: "):
+        make(**{name: "other"})
+
+
 def test_vectors_are_read_in_a_fixed_order():
     inputs = {
         "observation.environment_state": PolicyFeature(FeatureType.ENV, (7,)),

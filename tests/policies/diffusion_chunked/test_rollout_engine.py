@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import pytest
 import torch
+from fake_robot import JOINTS, FakeRobot
 from lerobot.configs import FeatureType, PolicyFeature, RTCAttentionSchedule
 from lerobot.policies.factory import make_pre_post_processors
 from lerobot.policies.rtc.configuration_rtc import RTCConfig
@@ -30,7 +31,6 @@ T, A, DELAY, EXECUTION_HORIZON, QUEUE_THRESHOLD = 20, 2, 3, 10, 12
 FPS = 50
 SPEED = 0.4  # [rad per step]
 MEAN, STD = 3.0, 2.0  # of the actions, in the robot's units
-JOINTS = [f"joint_{i}.pos" for i in range(A)]
 FEATURE = {"observation.state": PolicyFeature(FeatureType.STATE, (A,))}
 STATS = {key: {"mean": torch.full((A,), MEAN), "std": torch.full((A,), STD)} for key in ("action", *FEATURE)}
 
@@ -68,31 +68,11 @@ def trained():
     return policy.eval()
 
 
-class Robot:
-    """Goes where it is told, at once; every action takes a step of time."""
-
-    robot_type = name = "fake"
-    action_features = observation_features = dict.fromkeys(JOINTS, float)
-    is_connected = True
-
-    def __init__(self):
-        self.positions = dict.fromkeys(JOINTS, MEAN)
-        self.time = 0.0
-        self.actions = []
-
-    def get_observation(self):
-        return dict(self.positions)
-
-    def send_action(self, action):
-        self.positions = action
-        self.actions.append(torch.tensor(list(action.values())))
-
-
 class Rollout:
     """LeRobot's rtc loop around a policy: what ``lerobot-rollout`` sets up, without its command line."""
 
     def __init__(self, policy, monkeypatch, *, ignore_left_over=False, **settings):
-        self.robot, self.calls, self.merged = Robot(), [], Event()
+        self.robot, self.calls, self.merged = FakeRobot(MEAN), [], Event()
         self.policy = self._observed(policy, ignore_left_over)
         schedule = RTCAttentionSchedule.EXP
         config = RTCInferenceConfig(
@@ -109,7 +89,7 @@ class Rollout:
             robot_wrapper=ThreadSafeRobot(self.robot),
             hw_features=hw_to_dataset_features(self.robot.observation_features, "observation"),
             dataset_features={},
-            ordered_action_keys=JOINTS,
+            ordered_action_keys=list(JOINTS),
             task="",
             fps=FPS,
             device="cpu",
