@@ -5,10 +5,10 @@
 
 Studies: `headline` (preset `base` as it comes and the quickstart, three training seeds each), `lerobot` (its
 `act` for as many minutes) and, one setting changed at a time in half the quickstart's steps, `likelihoods`,
-`decoders`, `latents`, `history` and `presets`. Every policy is trained by lerobot-train on the recording of
-benchmarks/quickstart.py (made first if it is not there) and acts in the same 200 episodes. Every training and
-every evaluation is written down when it is done, so the studies can be stopped and gone on with, and may run
-side by side.
+`decoders`, `latents`, `resolution`, `history` and `presets`. Every policy is trained by lerobot-train on the
+recording of benchmarks/quickstart.py (made first if it is not there) and acts in the same 200 episodes. Every
+training and every evaluation is written down when it is done, so the studies can be stopped and gone on with,
+and may run side by side.
 """
 
 from act_variants import STUDIES, VARIANTS

@@ -63,6 +63,8 @@ LATENTS = {
     "style_categorical": styled(latent_type="categorical"),
 }
 
+RESOLUTION = {"every_fifth_step": small(chunk_size=20, chunk_stride=5, actions_per_query=1)}
+
 HISTORY = {
     "two_observations": small(n_obs_steps=2, obs_stride=5),
     "velocity": small(n_obs_steps=2, obs_stride=5, use_velocity=True),
@@ -75,7 +77,7 @@ PRESETS = {
     ),
 }
 
-VARIANTS = {**HEADLINE, **LIKELIHOODS, **DECODERS, **LATENTS, **HISTORY, **PRESETS}
+VARIANTS = {**HEADLINE, **LIKELIHOODS, **DECODERS, **LATENTS, **RESOLUTION, **HISTORY, **PRESETS}
 
 
 def headline(task: str) -> Iterator[Run]:
@@ -110,6 +112,12 @@ def latents(task: str) -> Iterator[Run]:
         yield Run(task, name, sampling={"z_inference": "sample"})
 
 
+def resolution(task: str) -> Iterator[Run]:
+    """Fewer predictions for the same two seconds."""
+    for name in RESOLUTION:
+        yield Run(task, name)
+
+
 def history(task: str) -> Iterator[Run]:
     """What the policy sees of the past."""
     for name in HISTORY:
@@ -123,5 +131,6 @@ def presets(task: str) -> Iterator[Run]:
 
 
 STUDIES = {
-    each.__name__: each for each in (headline, lerobot, likelihoods, decoders, latents, history, presets)
+    each.__name__: each
+    for each in (headline, lerobot, likelihoods, decoders, latents, resolution, history, presets)
 }
