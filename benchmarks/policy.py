@@ -4,7 +4,9 @@ Both policies get the same sizes, the same batches and LeRobot's AdamW, and take
 the machine does hits both alike. Printed are medians and the median of the paired ratios (below 1: ours is
 faster). `act_chunked` computes less (see `nn.transformer.Decoder` and `nn.style_encoder`), not something else.
 
-    python benchmarks/policy.py [--repeats 30] [--threads 2] [--output policy.json]
+The last case is another comparison: LeRobot's `act` and our preset ``base``, each as it comes.
+
+    python benchmarks/policy.py [--repeats 10] [--threads 2] [--output policy.json]
 """
 
 import argparse
@@ -27,7 +29,7 @@ from lerobot_act_chunking.policies.act_chunked.modeling_act_chunked import ActCh
 
 STATE = {"observation.state": PolicyFeature(FeatureType.STATE, (14,))}
 ENVIRONMENT = {"observation.environment_state": PolicyFeature(FeatureType.ENV, (7,))}
-CAMERA = {"observation.images.top": PolicyFeature(FeatureType.VISUAL, (3, 240, 320))}
+CAMERA = {"observation.images.top": PolicyFeature(FeatureType.VISUAL, (3, 480, 640))}
 ACTION = {"action": PolicyFeature(FeatureType.ACTION, (14,))}
 SMALL = {
     "dim_model": 128,
@@ -40,12 +42,13 @@ SMALL = {
 
 @dataclass(frozen=True)
 class Case:
-    """One setting that both policies are built with."""
+    """One setting that both policies are built with; ours with this preset."""
 
     name: str
     inputs: dict[str, PolicyFeature]
     batch_size: int
     settings: dict[str, Any]
+    preset: str = "paper"
 
 
 @dataclass(frozen=True)
@@ -63,8 +66,9 @@ CASES = (
     Case("state d128", STATE | ENVIRONMENT, 64, SMALL | {"use_vae": False}),
     Case("state d128 vae", STATE | ENVIRONMENT, 64, SMALL | {"use_vae": True}),
     Case("state d128 no dropout", STATE | ENVIRONMENT, 64, SMALL | {"use_vae": False, "dropout": 0.0}),
-    Case("image d512", STATE | CAMERA, 4, {"use_vae": False}),
-    Case("image d512 vae", STATE | CAMERA, 4, {"use_vae": True}),
+    Case("state d512 vae", STATE | ENVIRONMENT, 32, {}),
+    Case("camera d512 vae", STATE | CAMERA, 4, {}),
+    Case("base, act's default", STATE | ENVIRONMENT, 32, {}, preset="base"),
 )
 
 
@@ -78,7 +82,7 @@ def make_policies(case: Case) -> tuple[PreTrainedPolicy, PreTrainedPolicy]:
         "pretrained_backbone_weights": None,
         **case.settings,
     }
-    return ACTPolicy(ACTConfig(**shared)), ActChunkedPolicy(ActChunkedConfig(preset="paper", **shared))
+    return ACTPolicy(ACTConfig(**shared)), ActChunkedPolicy(ActChunkedConfig(preset=case.preset, **shared))
 
 
 def make_batch(case: Case, batch_size: int) -> dict[str, torch.Tensor]:
@@ -162,7 +166,7 @@ def run(case: Case, repeats: int) -> list[Result]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Compare act_chunked with LeRobot's act.")
-    parser.add_argument("--repeats", type=int, default=30)
+    parser.add_argument("--repeats", type=int, default=10)
     parser.add_argument("--threads", type=int, default=torch.get_num_threads())
     parser.add_argument("--only", default="", help="run the cases whose name contains this")
     parser.add_argument("--output", type=Path)
