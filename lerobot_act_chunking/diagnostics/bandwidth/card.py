@@ -7,12 +7,11 @@ from rich.table import Table
 
 from lerobot_act_chunking.diagnostics.bandwidth.closed_form import ClosedForm, PhaseSettle, StartUp
 from lerobot_act_chunking.diagnostics.bandwidth.report import BandwidthReport
+from lerobot_act_chunking.diagnostics.outcome import print_verdict
 from lerobot_act_chunking.execution.settings import ExecutionSettings
 
 if TYPE_CHECKING:
     from lerobot_act_chunking.diagnostics.bandwidth.push import PushStudy
-
-_COLOURS = {"pass": "green", "warn": "yellow", "fail": "red", "inconclusive": "yellow"}
 
 
 def print_card(report: BandwidthReport, console: Console) -> None:
@@ -26,8 +25,7 @@ def print_card(report: BandwidthReport, console: Console) -> None:
         console.print(_push_table(report.push))
     for note in report.notes:
         console.print(f"[dim]- {note}[/]", highlight=False)
-    colour = _COLOURS[report.verdict]
-    console.print(f"[{colour}]{report.verdict}[/]: {'; '.join(report.reasons)}", highlight=False)
+    print_verdict(report.verdict, report.reasons, console)
 
 
 def describe(settings: ExecutionSettings) -> str:

@@ -1,6 +1,5 @@
 """Everything the diagnosis found, as one object: the command prints it, JSON holds it, plots draw it."""
 
-import json
 from dataclasses import asdict, dataclass, fields
 from importlib.metadata import version
 from pathlib import Path
@@ -24,11 +23,10 @@ from lerobot_act_chunking.diagnostics.bandwidth.measured import (
 )
 from lerobot_act_chunking.diagnostics.bandwidth.nonlinear import MeasuredStep, measure_steps
 from lerobot_act_chunking.diagnostics.bandwidth.source import Source, check_positive
+from lerobot_act_chunking.diagnostics.outcome import EXIT_CODES, write_json
 
 if TYPE_CHECKING:
     from lerobot_act_chunking.diagnostics.bandwidth.push import PushStudy
-
-EXIT_CODES = {"pass": 0, "warn": 0, "fail": 1, "inconclusive": 2}
 
 PLAN_PASSES = (
     "Only innovations are filtered: what all chunks agree on, the plan, passes with gain 1 and no delay."
@@ -118,9 +116,7 @@ class BandwidthReport:
 
     def write_json(self, path: Path) -> Path:
         """Write `to_json` to a file, creating its folder."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(self.to_json(), indent=2, allow_nan=False) + "\n")
-        return path
+        return write_json(self.to_json(), path)
 
 
 def analyse(source: Source, fps: float, limits: Limits, push: "PushStudy | None" = None) -> BandwidthReport:

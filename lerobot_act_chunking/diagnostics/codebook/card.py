@@ -10,8 +10,8 @@ from lerobot_act_chunking.diagnostics.codebook.meaning import CodeUse
 from lerobot_act_chunking.diagnostics.codebook.report import CodebookReport
 from lerobot_act_chunking.diagnostics.codebook.subject import Subject
 from lerobot_act_chunking.diagnostics.codebook.usage import LevelUsage, Usage
+from lerobot_act_chunking.diagnostics.outcome import print_verdict
 
-COLOURS = {"pass": "green", "warn": "yellow", "fail": "red", "inconclusive": "yellow"}
 MOST_ROWS = 8
 MOST_DEAD = 6
 
@@ -36,9 +36,7 @@ def print_card(report: CodebookReport, console: Console) -> None:
     console.print(facts)
     for note in report.notes:
         console.print(f"[dim]- {note}[/]", highlight=False)
-    verdict = report.judgement.verdict
-    reasons = "; ".join(report.judgement.reasons)
-    console.print(f"[{COLOURS[verdict]}]{verdict}[/]: {escape(reasons)}", highlight=False)
+    print_verdict(report.judgement.verdict, report.judgement.reasons, console)
 
 
 def describe(subject: Subject, fps: float) -> str:

@@ -1,6 +1,5 @@
 """Which tokenizer suits a dataset, as one object: the command prints it, JSON holds it, plots draw it."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
@@ -8,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from lerobot_act_chunking.data.timing import ChunkTiming
-from lerobot_act_chunking.diagnostics.bandwidth.report import EXIT_CODES
+from lerobot_act_chunking.diagnostics import outcome
 from lerobot_act_chunking.diagnostics.codebook.candidates import Candidate
 from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes
 from lerobot_act_chunking.diagnostics.codebook.losses import Losses
@@ -59,7 +58,7 @@ class ComparisonReport:
     @property
     def exit_code(self) -> int:
         """Of the command: 0 pass or warn, 1 fail."""
-        return EXIT_CODES[self.judgement.verdict]
+        return outcome.EXIT_CODES[self.judgement.verdict]
 
     @property
     def flags(self) -> str:
@@ -89,9 +88,7 @@ class ComparisonReport:
 
     def write_json(self, path: Path) -> Path:
         """Write `to_json` to a file, creating its folder."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(self.to_json(), indent=1, allow_nan=False) + "\n")
-        return path
+        return outcome.write_json(self.to_json(), path)
 
 
 def _fitted_json(fitted: Fitted) -> dict[str, Any]:

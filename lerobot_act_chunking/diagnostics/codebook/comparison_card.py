@@ -4,9 +4,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from lerobot_act_chunking.diagnostics.codebook.card import COLOURS
 from lerobot_act_chunking.diagnostics.codebook.comparison import ComparisonReport, Fitted
 from lerobot_act_chunking.diagnostics.codebook.losses import Loss
+from lerobot_act_chunking.diagnostics.outcome import print_verdict
 
 NOTE = (
     "lost: share of the variance, mean over the dimensions, then that of the worst; in space: mean of "
@@ -27,9 +27,7 @@ def print_comparison(report: ComparisonReport, console: Console) -> None:
     console.print(_table(report))
     console.print(f"[dim]- {NOTE}[/]", highlight=False)
     console.print(f"recommended: {report.flags}", highlight=False, soft_wrap=True, markup=False)
-    verdict = report.judgement.verdict
-    reasons = escape("; ".join(report.judgement.reasons))
-    console.print(f"[{COLOURS[verdict]}]{verdict}[/]: {reasons}", highlight=False)
+    print_verdict(report.judgement.verdict, report.judgement.reasons, console)
 
 
 def _table(report: ComparisonReport) -> Table:

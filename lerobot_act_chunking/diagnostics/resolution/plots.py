@@ -49,6 +49,7 @@ def _draw_errors(ax: Any, report: ResolutionReport) -> None:
     )
     ax.set_xticks(x, [str(each) for each in x])
     ax.minorticks_off()
+    ax.yaxis.set_major_formatter("{x:g}")
     ax.grid(alpha=0.3)
     ax.legend()
 
@@ -74,14 +75,15 @@ def _draw_energy(ax: Any, report: ResolutionReport) -> None:
         yscale="log",
         ylim=(LEAST_SHARE, 1.5),
         xlim=(frequencies[0], frequencies[-1]),
-        xlabel="frequency [Hz]; lines: half the rate of predictions, by stride",
+        xlabel="frequency [Hz]; lines: half the rate of predictions",
         ylabel="share of the energy above it",
-        title="How fast demonstrations move",
+        title="How fast demonstrations move; above: chunk_stride",
     )
     top = ax.secondary_xaxis("top")
     top.set_xticks(
         [s.nyquist_hz for s in report.strides], [str(s.stride) for s in report.strides], fontsize=7
     )
     top.minorticks_off()
+    ax.xaxis.set_major_formatter("{x:g}")
     ax.grid(alpha=0.3)
     ax.legend(loc="lower left")

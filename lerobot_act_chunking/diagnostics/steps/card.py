@@ -5,11 +5,10 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.table import Table
 
+from lerobot_act_chunking.diagnostics.outcome import print_verdict
 from lerobot_act_chunking.diagnostics.steps.plateau import Series
 from lerobot_act_chunking.diagnostics.steps.report import StepsReport
 from lerobot_act_chunking.diagnostics.steps.results import CellResult, Quantiles
-
-_COLOURS = {"pass": "green", "warn": "yellow", "fail": "red", "inconclusive": "yellow"}
 
 
 def print_card(report: StepsReport, console: Console) -> None:
@@ -24,9 +23,7 @@ def print_card(report: StepsReport, console: Console) -> None:
     console.print(facts)
     for note in report.notes:
         console.print(f"[dim]- {note}[/]", highlight=False)
-    verdict = report.judgement.verdict
-    reasons = "; ".join(report.judgement.reasons)
-    console.print(f"[{_COLOURS[verdict]}]{verdict}[/]: {reasons}", highlight=False)
+    print_verdict(report.judgement.verdict, report.judgement.reasons, console)
 
 
 def _sweep_table(report: StepsReport) -> Table:

@@ -1,13 +1,12 @@
 """Everything the diagnosis found, as one object: the command prints it, JSON holds it, plots draw it."""
 
-import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from lerobot_act_chunking.diagnostics.bandwidth.report import EXIT_CODES
+from lerobot_act_chunking.diagnostics import outcome
 from lerobot_act_chunking.diagnostics.bandwidth.source import check_positive
 from lerobot_act_chunking.diagnostics.steps import plateau
 from lerobot_act_chunking.diagnostics.steps.grid import Cell, make_grid
@@ -100,7 +99,7 @@ class StepsReport:
     @property
     def exit_code(self) -> int:
         """Of the command: 0 pass or warn, 1 fail, 2 inconclusive."""
-        return EXIT_CODES[self.judgement.verdict]
+        return outcome.EXIT_CODES[self.judgement.verdict]
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers, strings, lists and dictionaries; None for what was not measured."""
@@ -145,9 +144,7 @@ class StepsReport:
 
     def write_json(self, path: Path) -> Path:
         """Write `to_json` to a file, creating its folder."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(self.to_json(), indent=1, allow_nan=False) + "\n")
-        return path
+        return outcome.write_json(self.to_json(), path)
 
 
 def diagnose(request: Request, progress: Progress | None = None) -> StepsReport:
