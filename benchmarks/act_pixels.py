@@ -57,8 +57,7 @@ LEROBOT: dict[str, Any] = {
 
 VARIANTS = {
     "act_chunked": Variant(RECIPE["policy"], RECIPE["steps"], RECIPE["batch_size"]),
-    "LeRobot act": SameReader(LEROBOT, steps=1300, batch_size=16),
-    "act_chunked, cells": Variant(RECIPE["policy"] | {"image_tokens": "cells"}, 1450, RECIPE["batch_size"]),
+    "LeRobot act": SameReader(LEROBOT, steps=592, batch_size=16),
 }
 """With about the same minutes each."""
 
