@@ -10,7 +10,7 @@ from lerobot_act_chunking.nn.latents.health import ACTIVE_NATS, ACTIVE_VARIANCE
 COLOURS = {"pass": "green", "warn": "yellow", "fail": "red"}
 MOST_ROWS = 16
 LEGEND = (
-    "* what acting uses; error: mean absolute [normalised units]; undemonstrated: samples unlike every "
+    "* what acting uses; error: mean absolute, normalised units; undemonstrated: samples unlike every "
     "demonstrated style; starved: demonstrations whose styles are hardly sampled"
 )
 SOURCES = {"posterior": "posterior", "shuffled": "another's posterior", "mode": "mode of the prior"}
@@ -59,7 +59,7 @@ def _divergences(report: LatentReport) -> str:
         told += f", {health.kl_active_dims} of {len(by_dimension)} dimensions above {ACTIVE_NATS:g}"
         told += f": {largest}{more}"
     active = f"{health.active_units} active units (variance of the posterior mean above {ACTIVE_VARIANCE:g})"
-    return f"{told}\n{active}"
+    return f"{told}\n{active}; {health.by_place:.0%} of their variance is between places in the episode"
 
 
 def _errors_table(report: LatentReport) -> Table:

@@ -13,6 +13,7 @@ WITHIN = (
     99.0  # percentile of the demonstrations' own distances, beyond which a style counts as undemonstrated
 )
 STARVED = 0.25  # of a group's share among the demonstrations
+PLACES = 20  # sections of an episode
 SMALLEST_GROUP = 0.01  # share of the demonstrations, below which a group is too small to judge
 
 
@@ -24,11 +25,14 @@ class Health:
         kl: mean divergence from the trained prior [nats].
         kl_by_dimension: of each dimension; one number where only the sum is known.
         mean_variance: (L,) variance of the posterior means over the demonstrations.
+        by_place: share of that variance, over all dimensions, which the place in the episode explains: what
+            the observation tells anyway, and what a prior that does not see it cannot know.
     """
 
     kl: float
     kl_by_dimension: list[float]
     mean_variance: list[float]
+    by_place: float
 
     @property
     def active_units(self) -> int:
@@ -72,10 +76,19 @@ class Group:
     error: float | None
 
 
-def measure_health(encoded: Encoded) -> Health:
-    """Divergences and variances over the demonstrations."""
-    by_dimension = encoded.divergence.mean(0)
-    return Health(float(by_dimension.sum()), by_dimension.tolist(), encoded.mean.var(0).tolist())
+def measure_health(encoded: Encoded, progress: Float[np.ndarray, " N"]) -> Health:
+    """Divergences and variances over demonstrations at these places (0 to 1) in their episodes."""
+    by_dimension, variance = encoded.divergence.mean(0), encoded.mean.var(0)
+    place = np.minimum((progress * PLACES).astype(int), PLACES - 1)
+    left = sum(np.square(part - part.mean(0)).sum() for part in _split(encoded.mean, place))
+    total = max(len(place) * variance.sum(), 1e-12)
+    return Health(
+        float(by_dimension.sum()), by_dimension.tolist(), variance.tolist(), float(max(1 - left / total, 0.0))
+    )
+
+
+def _split(values: Float[np.ndarray, "N L"], group: Int64[np.ndarray, " N"]) -> list[np.ndarray]:
+    return [values[group == each] for each in np.unique(group)]
 
 
 def check_prior(

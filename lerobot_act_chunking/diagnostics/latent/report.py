@@ -89,6 +89,7 @@ class LatentReport:
             "kl_active_dims": self.health.kl_active_dims,
             "active_units": self.health.active_units,
             "mean_variance": self.health.mean_variance,
+            "by_place": self.health.by_place,
             "reconstruction_error": self.errors,
             "acting": self.acting,
             "priors": [asdict(check) for check in self.priors],
@@ -133,7 +134,7 @@ def diagnose(
     errors = reconstruction_errors(subject, samples.every(step), decoded, seed=seed)
     means = {name: float(each.mean()) for name, each in errors.items()}
     groups = measure_groups(of_samples, n_groups, of_samples[::step], errors["posterior"])
-    health = measure_health(encoded)
+    health = measure_health(encoded, samples.progress)
     check = next(prior for prior in priors if prior.name == acting)
     evidence = Evidence(subject.config, health, means, check, groups, is_fitted=acting == FITTED)
     return LatentReport(

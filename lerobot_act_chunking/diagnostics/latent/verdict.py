@@ -18,12 +18,15 @@ class Thresholds:
             decoder does not listen to the latent.
         outside: share of the prior's samples that nothing demonstrated is like.
         starved: share of the demonstrations that the prior hardly samples.
+        by_place: share of the styles' variance that the place in the episode explains, beyond which sampling
+            without looking at the observation gives styles of other situations.
         poor_group: error of a group, relative to the mean, beyond which the decoder has not learned it.
     """
 
     information: float = 0.05
     outside: float = 0.1
     starved: float = 0.02
+    by_place: float = 0.3
     poor_group: float = 2.0
 
 
@@ -78,14 +81,20 @@ def judge(evidence: Evidence, thresholds: Thresholds) -> Judgement:
     collapse = _collapse(evidence, thresholds)
     if collapse:
         return Judgement(COLLAPSE, "warn", [f"{' and '.join(collapse)}: {_listen(evidence)}", *poor])
-    hole = _hole(evidence, thresholds)
+    hole, remedy = _hole(evidence, thresholds), _fill(evidence)
+    if not hole and _of_situations(evidence, thresholds):
+        hole = [
+            f"{evidence.health.by_place:.0%} of what tells styles apart follows from the place in the "
+            "episode, which this prior does not see: it samples styles of other situations"
+        ]
+        remedy = "train with --policy.latent_type=conditional, or act with --policy.z_inference=mode"
     if hole:
         samples = evidence.config.z_inference == "sample"
         verdict = "fail" if samples else "warn"
         kept = (
             [] if samples else ["it acts with the mode of the prior (z_inference=mode) and samples nothing"]
         )
-        return Judgement(HOLE, verdict, [f"{' and '.join(hole)}: {_fill(evidence)}", *kept, *poor])
+        return Judgement(HOLE, verdict, [f"{' and '.join(hole)}: {remedy}", *kept, *poor])
     found = (
         f"the latent tells {evidence.health.kl:.2g} nats, another demonstration's style raises the error by "
         f"{evidence.information:.0%}, and {1 - evidence.acting.outside:.0%} of the prior's samples are like "
@@ -120,6 +129,11 @@ def _hole(evidence: Evidence, thresholds: Thresholds) -> list[str]:
     if acting.starved > thresholds.starved:
         found.append(f"it hardly samples styles that {acting.starved:.0%} of the demonstrations have")
     return found
+
+
+def _of_situations(evidence: Evidence, thresholds: Thresholds) -> bool:
+    sees = evidence.config.latent_type == "conditional"
+    return not sees and evidence.health.by_place > thresholds.by_place
 
 
 def _fill(evidence: Evidence) -> str:
