@@ -2,7 +2,7 @@
 
 Both policies get the same sizes, the same batches and LeRobot's AdamW, and take turns, so that whatever else
 the machine does hits both alike. Printed are medians and the median of the paired ratios (below 1: ours is
-faster). `act_chunked` computes less (see `nn.transformer.Decoder` and `nn.style_encoder`), not something else.
+faster). `act_chunked` computes less (`nn.transformer.Decoder`, `nn.style_encoder`), not something else.
 
 The last case is another comparison: LeRobot's `act` and our preset ``base``, each as it comes.
 

@@ -32,6 +32,19 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
     name = "act_chunked"  # pyright: ignore[reportAssignmentType]
     _fsdp_wrap_modules = ["EncoderLayer", "DecoderLayer"]  # noqa: RUF012 (LeRobot's declaration of its type)
 
+    def __init__(self, config: ActChunkedConfig, **kwargs: Any):
+        super().__init__(config, **kwargs)
+        if config.compile_model:  # in place: the names of the weights stay
+            network = self.model
+            for part in (
+                network.observation_encoder,
+                network.style_encoder,
+                network.encoder,
+                network.decoder,
+            ):
+                if part is not None:
+                    part.compile(dynamic=True)
+
     def _build(self, backbone_weights: str | None) -> ActNetwork:
         config = self.config
         self.batch_seeds = BatchSeeds() if config.learns_at_random else None
