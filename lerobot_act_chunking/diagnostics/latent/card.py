@@ -5,9 +5,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from lerobot_act_chunking.diagnostics.latent.report import STANDARD, LatentReport
+from lerobot_act_chunking.diagnostics.outcome import COLOURS
 from lerobot_act_chunking.nn.latents.health import ACTIVE_NATS, ACTIVE_VARIANCE
 
-COLOURS = {"pass": "green", "warn": "yellow", "fail": "red"}
 MOST_ROWS = 16
 LEGEND = (
     "* what acting uses; error: mean absolute, normalised units; undemonstrated: samples unlike every "

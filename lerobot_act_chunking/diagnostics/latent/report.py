@@ -1,6 +1,5 @@
 """Everything the diagnosis found, as one object: the command prints it, JSON holds it, plots draw it."""
 
-import json
 from copy import deepcopy
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
@@ -11,7 +10,6 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int64
 
-from lerobot_act_chunking.diagnostics.bandwidth.report import EXIT_CODES
 from lerobot_act_chunking.diagnostics.latent.density import Density, fit_density
 from lerobot_act_chunking.diagnostics.latent.encoding import Encoded, encode, reconstruction_errors
 from lerobot_act_chunking.diagnostics.latent.measures import (
@@ -25,6 +23,7 @@ from lerobot_act_chunking.diagnostics.latent.measures import (
 from lerobot_act_chunking.diagnostics.latent.samples import Samples
 from lerobot_act_chunking.diagnostics.latent.subject import Subject
 from lerobot_act_chunking.diagnostics.latent.verdict import Evidence, Judgement, Thresholds, judge
+from lerobot_act_chunking.diagnostics.outcome import EXIT_CODES, write_json
 from lerobot_act_chunking.nn.latents.categorical import CategoricalLatent
 from lerobot_act_chunking.nn.latents.gaussian import GaussianLatent
 
@@ -99,9 +98,7 @@ class LatentReport:
 
     def write_json(self, path: Path) -> Path:
         """Write `to_json` to a file, creating its folder."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(self.to_json(), indent=1, allow_nan=False) + "\n")
-        return path
+        return write_json(self.to_json(), path)
 
 
 def diagnose(
