@@ -67,6 +67,15 @@ class GaussianHead(ElementHead):
         return mean + math.sqrt(self.temperature) * self.scale.log(raw).exp() * normal
 
 
+def drawn_mean(mean: Float[Tensor, "*S"], log_std: Float[Tensor, "*S"], beta: float) -> Float[Tensor, "*S"]:
+    """The same means, whose gradient is multiplied by ``sigma^(2 beta)``: beta-NLL's pull on them alone.
+
+    For losses whose value must stay that of the likelihood.
+    """
+    pull = (2 * beta * log_std.detach()).exp()
+    return mean.detach() + pull * (mean - mean.detach())
+
+
 def normal_nll(
     actions: Float[Tensor, "*#S"], mean: Float[Tensor, "*S"], log_std: Float[Tensor, "*S"]
 ) -> Float[Tensor, "*S"]:

@@ -22,8 +22,9 @@ class HeadSpec:
     Attributes:
         action_likelihood: ``l1`` (ACT), ``l2``, ``laplace``, ``gaussian`` (beta-NLL), ``gmm`` (a mixture
             whose component is chosen once per chunk) or ``categorical`` (bins over [-1, 1]).
-        nll_beta: of ``gaussian``, in [0, 1]: 0 is the likelihood, 1 pulls means as the squared error does
-            (Seitzer et al. 2022).
+        nll_beta: of ``laplace``, ``gaussian`` and ``gmm``, in [0, 1]: 0 is the likelihood; the more, the less
+            what is precise drowns what is not (Seitzer et al. 2022). Means are pulled as by the squared error
+            at 1, locations of ``laplace`` as by the absolute error at 0.5.
         min_std: least standard deviation of ``laplace``, ``gaussian`` and ``gmm``, in normalised units.
         n_components: of ``gmm``.
         n_bins: of ``categorical``, more than its soft targets need for their tails.
@@ -110,7 +111,11 @@ HEADS: dict[str, Callable[[HeadSpec, HeadSize], ActionHead]] = {
     "l1": lambda spec, size: RegressionHead(*size.layer, power=1),
     "l2": lambda spec, size: RegressionHead(*size.layer, power=2),
     "laplace": lambda spec, size: LaplaceHead(
-        *size.layer, n_queries=size.n_queries, min_std=spec.min_std, temperature=spec.action_temperature
+        *size.layer,
+        n_queries=size.n_queries,
+        beta=spec.nll_beta,
+        min_std=spec.min_std,
+        temperature=spec.action_temperature,
     ),
     "gaussian": lambda spec, size: GaussianHead(
         *size.layer,
@@ -122,6 +127,7 @@ HEADS: dict[str, Callable[[HeadSpec, HeadSize], ActionHead]] = {
     "gmm": lambda spec, size: MixtureHead(
         *size.layer,
         n_components=spec.n_components,
+        beta=spec.nll_beta,
         min_std=spec.min_std,
         temperature=spec.action_temperature,
     ),

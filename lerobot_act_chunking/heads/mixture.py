@@ -7,7 +7,7 @@ from torch import Tensor, nn
 from lerobot_act_chunking.heads.action_head import Act, ActionHead, at_least_single
 from lerobot_act_chunking.heads.action_scale import BoundedScale
 from lerobot_act_chunking.heads.codes import pick
-from lerobot_act_chunking.heads.gaussian import normal_nll
+from lerobot_act_chunking.heads.gaussian import drawn_mean, normal_nll
 from lerobot_act_chunking.nn.masking import PadNormalization, per_element
 
 USAGE_DECAY = 0.99  # of the moving average over batches
@@ -33,6 +33,8 @@ class MixtureHead(ActionHead):
         action_dim: A.
         actions_per_query: consecutive actions of each query.
         n_components: M.
+        beta: in [0, 1]: the gradient of means is multiplied by ``sigma^(2 beta)``, as in beta-NLL; otherwise
+            what is already precise would drown all else. Loss and responsibilities stay as they are.
         min_std: least sigma, in normalised action units.
         temperature: components have their weights to the power of its inverse; 0 takes the likeliest.
     """
@@ -44,6 +46,7 @@ class MixtureHead(ActionHead):
         actions_per_query: int,
         *,
         n_components: int,
+        beta: float,
         min_std: float,
         temperature: float,
     ):
@@ -53,6 +56,7 @@ class MixtureHead(ActionHead):
         self.projection = nn.Linear(dim, actions_per_query * n_components * action_dim * 2)
         self.choice = nn.Linear(dim, n_components)
         self.scale = BoundedScale(min_std)
+        self.beta = beta
         self.temperature = temperature
         if temperature > 0:
             self.draws_shape = (1,)
@@ -79,6 +83,7 @@ class MixtureHead(ActionHead):
         normalization: PadNormalization,
     ) -> Float[Tensor, " B"]:
         mean, log_std = self.components(features)
+        mean = drawn_mean(mean, log_std, self.beta)
         nll = normal_nll(actions[:, :, None], mean, log_std) * ~is_pad[..., None, None]  # (B, T, M, A)
         joint = self.log_weights(features) - nll.sum((1, 3))
         total = -joint.logsumexp(-1)
@@ -97,13 +102,13 @@ class MixtureHead(ActionHead):
     ) -> Float[Tensor, " B"]:
         """The loss of idle components for the chunks whose loss is above the average, by how much it is.
 
-        It is beta-NLL with beta 1, which draws means as the squared error does: with beta 0, what is far off
-        would rather become wide than come near.
+        Weighted so that means are drawn as by the squared error: by the likelihood, what is far off would
+        rather become wide than come near.
         """
         excess = (total - total.mean()).detach().clamp_min(0)
         shares = excess / excess.mean().clamp_min(torch.finfo(excess.dtype).tiny)
         idle = self.usage < IDLE_SHARE / len(self.usage)
-        weights = (2 * log_std.detach()).exp() * idle[:, None]
+        weights = (2 * (1 - self.beta) * log_std.detach()).exp() * idle[:, None]
         return IDLE_WEIGHT * shares * (nll * weights).sum((1, 2, 3))
 
     def _actor(self, draws: Float[Tensor, "B 1"] | None) -> Act:

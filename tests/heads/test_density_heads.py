@@ -18,9 +18,7 @@ DRAWS = (torch.arange(N) + 0.5) / N
 
 def make(kind, *, beta=0.0, min_std=0.01, temperature=0.0, n_queries=Q, action_dim=A, actions_per_query=S):
     torch.manual_seed(0)
-    settings = {"n_queries": n_queries, "min_std": min_std, "temperature": temperature}
-    if kind is GaussianHead:
-        settings["beta"] = beta
+    settings = {"n_queries": n_queries, "beta": beta, "min_std": min_std, "temperature": temperature}
     return kind(D, action_dim, actions_per_query, **settings)
 
 
@@ -92,6 +90,15 @@ def test_beta_weights_the_gradient_by_a_constant(beta, features, actions):
     head = make(GaussianHead, beta=beta)
     normal = distribution(head, features)
     pull = (normal.mean - actions) / normal.scale**2 * normal.scale ** (2 * beta)
+    expected = pull.unflatten(1, (Q, S)).sum((0, 1))
+    torch.testing.assert_close(mean_gradient(head, features, actions), expected, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("beta", [0.0, 0.5, 1.0])
+def test_at_beta_one_half_locations_are_pulled_as_by_the_absolute_error(beta, features, actions):
+    head = make(LaplaceHead, beta=beta)
+    laplace = distribution(head, features)
+    pull = (laplace.mean - actions).sign() * laplace.scale ** (2 * beta - 1)
     expected = pull.unflatten(1, (Q, S)).sum((0, 1))
     torch.testing.assert_close(mean_gradient(head, features, actions), expected, rtol=1e-4, atol=1e-4)
 

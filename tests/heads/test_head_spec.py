@@ -65,6 +65,6 @@ def test_every_setting_arrives():
         for name in ("gaussian", "laplace", "gmm")
     )
     assert (gaussian.beta, gaussian.temperature, gaussian.draws_shape) == (0.25, 0.7, (10, 4))
-    assert (laplace.temperature, laplace.draws_shape) == (0.7, (10, 4))
-    assert (gmm.temperature, gmm.draws_shape, len(gmm.usage)) == (0.7, (1,), 7)
+    assert (laplace.beta, laplace.temperature, laplace.draws_shape) == (0.25, 0.7, (10, 4))
+    assert (gmm.beta, gmm.temperature, gmm.draws_shape, len(gmm.usage)) == (0.25, 0.7, (1,), 7)
     assert gaussian.scale.low == gmm.scale.low == pytest.approx(-3.5066, abs=1e-3)

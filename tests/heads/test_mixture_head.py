@@ -10,9 +10,9 @@ NO_PAD = torch.zeros(B, T, dtype=torch.bool)
 IS_PAD = torch.arange(T) >= torch.tensor([[T], [7], [3]])
 
 
-def make(temperature=0.0, n_components=M, min_std=0.01):
+def make(temperature=0.0, n_components=M, beta=0.5):
     torch.manual_seed(0)
-    return MixtureHead(D, A, S, n_components=n_components, min_std=min_std, temperature=temperature)
+    return MixtureHead(D, A, S, n_components=n_components, beta=beta, min_std=0.01, temperature=temperature)
 
 
 def distribution(head, features, n_steps=T):
@@ -120,7 +120,7 @@ def test_the_call_is_for_what_is_explained_worst():
     head = with_idle_component(2)
     nll, log_std = torch.ones(B, T, M, A), torch.full((B, T, M, A), 0.5).log()
     call = head._call(nll, log_std, torch.tensor([1.0, 8.0, 6.0]))
-    expected = torch.tensor([0.0, 3.0, 1.0]) * 3 / 4 * IDLE_WEIGHT * 0.5**2 * T * A
+    expected = torch.tensor([0.0, 3.0, 1.0]) * 3 / 4 * IDLE_WEIGHT * 0.5 ** (2 - 2 * head.beta) * T * A
     torch.testing.assert_close(call, expected)
 
 
@@ -147,3 +147,22 @@ def test_one_component_is_a_gaussian(features, actions):
     mean, log_std = (x[:, :, 0] for x in head.components(features))
     expected = -Normal(mean, log_std.exp()).log_prob(actions).mean((1, 2))
     torch.testing.assert_close(head.loss(features, actions, NO_PAD, "valid"), expected)
+
+
+@pytest.mark.parametrize("beta", [0.5, 1.0])
+def test_beta_scales_the_gradient_of_means_and_nothing_else(beta, features, actions):
+    """With one component: the mean's gradient by sigma^(2 beta); loss and the others' gradient stay."""
+    gradients = []
+    for each in (0.0, beta):
+        head = make(n_components=1, beta=each).eval()
+        head.projection.bias.data.unflatten(0, (S, 1, A, 2))[..., 1] -= 1
+        head.projection.weight.data.unflatten(0, (S, 1, A, 2))[..., 1, :] = 0  # sigma is the same everywhere
+        loss = head.loss(features, actions, IS_PAD, "valid")
+        loss.mean().backward()
+        gradient = head.projection.bias.grad.unflatten(0, (S, A, 2))
+        _, log_std = head.components(features[:1, :1])
+        gradients.append((loss, gradient[..., 0], gradient[..., 1], log_std[0, :, 0].exp()))
+    (loss, mean, raw, std), (other_loss, other_mean, other_raw, _) = gradients
+    assert torch.equal(loss, other_loss)
+    torch.testing.assert_close(raw, other_raw)
+    torch.testing.assert_close(mean * std ** (2 * beta), other_mean)
