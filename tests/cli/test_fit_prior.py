@@ -147,7 +147,7 @@ def test_refusals(dataset, checkpoint, tmp_path, capsys):
     assert "samples=1 must be at least 2" in refusal(capsys, "latent", checkpoint, dataset, "--samples", 1)
     out = tmp_path / "fitted"
     told = refusal(capsys, "fit-prior", checkpoint, dataset, "--output", out, "--component-weights", "even")
-    assert "even" in told
+    assert "unknown component_weights 'even'; choose one of: empirical, uniform" in told
     assert not out.exists()
     plain = write_checkpoint(tmp_path / "plain", use_vae=False)
     assert "trained without a latent" in refusal(capsys, "latent", plain, dataset)

@@ -127,7 +127,7 @@ def share_outside(
     active = encoded.mean.var(0) > ACTIVE_VARIANCE
     if not active.any():
         return 0.0
-    unit = encoded.z[:, active].std(0)
+    unit = np.maximum(encoded.z[:, active].std(0), 1e-9)  # a code that no demonstration has does not vary
     demonstrated, drawn = encoded.z[:, active] / unit, drawn[:, active] / unit
     held = _other_half(episode)
     reference = KDTree(demonstrated[~held])

@@ -9,8 +9,9 @@ import torch
 
 from lerobot_act_chunking.diagnostics.latent.density import Density
 from lerobot_act_chunking.diagnostics.latent.subject import Subject
-from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 from lerobot_act_chunking.nn.latents.gaussian import GaussianLatent
+from lerobot_act_chunking.nn.latents.make import COMPONENT_WEIGHTS
 from lerobot_act_chunking.policies.loading import LoadedPolicy
 from lerobot_act_chunking.policies.temporal_ensemble.wrapping import save_checkpoint
 
@@ -33,10 +34,12 @@ def sample_when_acting(subject: Subject, component_weights: str) -> None:
     """Let the policy sample its latent, components as often as told.
 
     Raises:
-        ConfigurationError: its latent has a learned prior, or its other settings rule sampling out.
+        ConfigurationError: there are no such weights, its latent has a learned prior, or its other settings rule sampling out.
     """
     from lerobot.configs import PreTrainedConfig
 
+    if component_weights not in COMPONENT_WEIGHTS:
+        raise unknown_choice("component_weights", component_weights, COMPONENT_WEIGHTS)
     if not isinstance(subject.latent, GaussianLatent):
         raise ConfigurationError(
             f"latent_type={subject.config.latent_type} learns its prior in training: a density can be fitted "
