@@ -59,8 +59,10 @@ class StyleLesson(nn.Module):
     def _look_at_prior(self, network: ActNetwork, lesson: Lesson, generator: torch.Generator) -> Tensor:
         """The loss with the latent that the policy acts with, from the latest batch in which it was due."""
         if self._prior_loss is None or self._n_batches % PRIOR_EVERY == 0:
+            network.eval()  # nothing learns from a look, and it draws no dropout
             prior = network.prior(lesson.seen, self._acting_noise(network, lesson, generator))
             self._prior_loss = network.loss(lesson, prior, self.config.pad_normalization).mean()
+            network.train()
         self._n_batches += 1
         return self._prior_loss
 
