@@ -34,7 +34,8 @@ def sample_when_acting(subject: Subject, component_weights: str) -> None:
     """Let the policy sample its latent, components as often as told.
 
     Raises:
-        ConfigurationError: there are no such weights, its latent has a learned prior, or its other settings rule sampling out.
+        ConfigurationError: there are no such weights, its latent has a learned prior, or its other settings
+            rule sampling out.
     """
     from lerobot.configs import PreTrainedConfig
 

@@ -86,14 +86,14 @@ def test_the_posterior_knows_all_ways_and_the_standard_normal_does_not(gaussian)
 
 
 def test_a_fitted_density_repairs_the_prior(gaussian):
-    density = fit_density(encoded(gaussian).z.double().numpy(), seed=0)
+    density = fit_density(encoded(gaussian).z[:1500].double().numpy(), seed=0)
     latent = with_density(gaussian.latent, density)
     shares, invalid = modes(gaussian, sampled(latent))
     assert shares == pytest.approx(SHARES.tolist(), abs=0.04)
     assert invalid < 0.05
     latent.uniform = True
     shares, invalid = modes(gaussian, sampled(latent))
-    assert min(shares) > 2.5 * SHARES[2]
+    assert min(shares) > SHARES[2]
     assert invalid < 0.1
 
 
