@@ -13,6 +13,10 @@ from lerobot_act_chunking.policies.act_chunked.modeling_act_chunked import ActCh
 T, S = 6, 2  # predictions, of which each query makes two
 DECODERS = ("parallel", "autoregressive")
 COMBINATIONS = list(product(HEADS, DECODERS, (None, *LATENTS)))
+PAIRS = [  # each likelihood with each latent, each of them with each decoder
+    (head, DECODERS[(i + j) % 2], latent)
+    for (i, head), (j, latent) in product(enumerate(HEADS), enumerate((None, *LATENTS)))
+]
 SMALL = {
     "dim_feedforward": 20,
     "n_encoder_layers": 1,
@@ -41,14 +45,20 @@ def make_case(likelihood, decoder, latent):
         settings |= {"latent_type": latent, "z_inference": "sample", "z_hold": "chunk"}
     if likelihood not in ("l1", "l2"):
         settings["action_temperature"] = 1.0
-    return Case(
-        "-".join(map(str, (likelihood, decoder, latent))), "act_chunked", STATE | ENVIRONMENT, settings
-    )
+    name = name_of((likelihood, decoder, latent))
+    return Case(name, "act_chunked", STATE | ENVIRONMENT, settings)
 
 
-@pytest.fixture(params=COMBINATIONS, ids=lambda case: "-".join(map(str, case)))
+def name_of(combination):
+    return "-".join(map(str, combination))
+
+
+@pytest.fixture(params=COMBINATIONS, ids=name_of)
 def case(request):
     return make_case(*request.param)
+
+
+every_pair = pytest.mark.parametrize("case", PAIRS, ids=name_of, indirect=True)
 
 
 @pytest.fixture
@@ -91,12 +101,14 @@ def test_training_reaches_every_parameter_and_lowers_the_loss(case, policy):
     assert min(losses[-4:]) < losses[0]
 
 
+@every_pair
 def test_losses_of_samples_average_to_the_loss(case, policy):
     mean, each = (policy.eval().forward(make_batch(case), reduction=kind)[0] for kind in ("mean", "none"))
     assert each.shape == (B,)
     torch.testing.assert_close(each.mean(), mean)
 
 
+@every_pair
 def test_it_learns_in_mixed_precision(case, policy):
     with torch.autocast("cpu", torch.bfloat16):
         loss, _ = policy.train().forward(make_batch(case))
@@ -142,6 +154,7 @@ def test_saved_and_loaded_it_acts_bit_for_bit_the_same(case, policy, tmp_path):
         assert torch.equal(loaded.select_action(batch), policy.select_action(batch))
 
 
+@every_pair
 def test_one_environment_may_start_a_rollout_alone(case):
     """The others go on as if nothing had happened; it acts as in a first step."""
     policy, batch = (
