@@ -40,7 +40,7 @@ LEROBOT_SMALL = {
 HEADLINE = {
     "base": Variant({"type": "act_chunked", **ON_CPU}, 1200, BATCH),
     "quickstart": Variant(POLICY, STEPS, BATCH),
-    "lerobot_small": Variant(LEROBOT_SMALL, 900, BATCH, fast_reader=True),
+    "lerobot_small": Variant(LEROBOT_SMALL, 600, BATCH, fast_reader=True),
     "lerobot_own_reader": Variant(LEROBOT_SMALL, 700, BATCH),
     "lerobot_default": Variant(LEROBOT, 80, 8, fast_reader=True),
 }
@@ -48,6 +48,7 @@ HEADLINE = {
 LIKELIHOODS = {
     "l1": small(),
     **{name: small(action_likelihood=name) for name in ("l2", "laplace", "gaussian", "gmm", "categorical")},
+    **{f"{name}_nll": small(action_likelihood=name, nll_beta=0) for name in ("laplace", "gmm")},
 }
 
 DECODERS = {
