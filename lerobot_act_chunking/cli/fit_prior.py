@@ -64,7 +64,7 @@ def fit_prior_command(
     from lerobot_act_chunking.diagnostics.latent.report import diagnose
     from lerobot_act_chunking.diagnostics.latent.saving import sample_when_acting, save_with_density
     from lerobot_act_chunking.diagnostics.latent.verdict import Thresholds
-    from lerobot_act_chunking.policies.temporal_ensemble.wrapping import check_absent
+    from lerobot_act_chunking.policies.saving import check_absent
 
     check_absent(output)
     subject, read = _read(checkpoint, dataset, samples)

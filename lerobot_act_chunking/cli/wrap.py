@@ -76,11 +76,8 @@ def _dimensions(text: str) -> list[int]:
 def _run(path: str, out: Path, **execution: Any) -> None:
     from rich.console import Console
 
-    from lerobot_act_chunking.policies.temporal_ensemble.wrapping import (
-        check_absent,
-        load_wrapped,
-        save_checkpoint,
-    )
+    from lerobot_act_chunking.policies.saving import check_absent, save_checkpoint
+    from lerobot_act_chunking.policies.temporal_ensemble.wrapping import load_wrapped
 
     check_absent(out)
     wrapped = load_wrapped(path, **execution)

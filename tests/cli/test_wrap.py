@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 from lerobot_act_chunking import hub
 from lerobot_act_chunking.cli.wrap import wrap_command
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.policies import saving
 from lerobot_act_chunking.policies.loading import load_policy
 from lerobot_act_chunking.policies.temporal_ensemble import wrapping
 
@@ -120,7 +121,7 @@ def test_an_interrupted_write_leaves_nothing(checkpoint, tmp_path, monkeypatch, 
 
     monkeypatch.setattr(loaded.postprocessor, "save_pretrained", fail)
     with pytest.raises(expected) as raised:
-        wrapping.save_checkpoint(loaded, tmp_path / "wrapped")
+        saving.save_checkpoint(loaded, tmp_path / "wrapped")
     if expected is ConfigurationError:
         assert "could not be written, and nothing of it was kept" in str(raised.value)
     assert list(tmp_path.iterdir()) == []

@@ -13,7 +13,7 @@ from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 from lerobot_act_chunking.nn.latents.gaussian import GaussianLatent
 from lerobot_act_chunking.nn.latents.make import COMPONENT_WEIGHTS
 from lerobot_act_chunking.policies.loading import LoadedPolicy
-from lerobot_act_chunking.policies.temporal_ensemble.wrapping import save_checkpoint
+from lerobot_act_chunking.policies.saving import save_checkpoint
 
 TRAINING = "train_config.json"
 

@@ -22,7 +22,7 @@ from lerobot_act_chunking.policies.act_chunked.processor_act_chunked import (
     make_act_chunked_pre_post_processors,
 )
 from lerobot_act_chunking.policies.loading import LoadedPolicy
-from lerobot_act_chunking.policies.temporal_ensemble.wrapping import check_absent, save_checkpoint
+from lerobot_act_chunking.policies.saving import check_absent, save_checkpoint
 
 RESNETS = ("resnet18", "resnet34", "resnet50")
 NORMALIZED = ("VISUAL", "STATE", "ENV", "ACTION")
