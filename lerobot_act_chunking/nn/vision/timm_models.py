@@ -25,7 +25,7 @@ def check_timm(name: str) -> None:
     Raises:
         ConfigurationError: naming the closest models, or what to install.
     """
-    _need("timm", f"vision_backbone={name}")
+    _need("timm", f"vision_backbone={PREFIX}{name}")
     import timm
 
     if not timm.is_model(name.split(".", 1)[0]):
