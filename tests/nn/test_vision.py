@@ -135,9 +135,11 @@ def test_the_pretrained_backbone_is_that_network_before_its_classifier():
     whole = timm.create_model("tf_efficientnet_lite0").eval()
     whole.load_state_dict(lite0_weights())
     backbone, channels = make_backbone("efficientnet_lite0", "frozen_batch", "imagenet")
-    images = torch.randn(2, 3, 64, 96, generator=torch.Generator().manual_seed(0))
+    pixels = torch.rand(2, 3, 64, 96, generator=torch.Generator().manual_seed(0))
+    mean, std = torch.tensor([[0.485, 0.456, 0.406], [0.229, 0.224, 0.225]])[:, :, None, None]
+    images = (pixels - mean) / std  # as LeRobot normalises them
     with torch.no_grad():
-        features = whole.blocks(whole.bn1(whole.conv_stem(images)))
+        features = whole.blocks(whole.bn1(whole.conv_stem(2 * pixels - 1)))
         assert features.shape == (2, channels, 2, 3)
         for mode in (True, False):  # nothing in it depends on the batch
             torch.testing.assert_close(backbone.train(mode)(images), features, rtol=1e-4, atol=1e-4)

@@ -13,6 +13,7 @@ from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.nn.vision.layers import BackboneNorm, FastWhenActing, replace_batch_norm
 
 PREFIX = "timm:"
+IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 LITE, LITE_IN_TIMM, IMAGENET = "efficientnet_lite0", "tf_efficientnet_lite0", "imagenet"
 
 
@@ -85,6 +86,25 @@ class TimmBody(FastWhenActing):
         return self.model(images)[-1]
 
 
+class Lite0Body(TimmBody):
+    """EfficientNet-lite0 for images normalised by ImageNet's statistics, as LeRobot's are by default.
+
+    Its own weights were made for images from -1 to 1.
+    """
+
+    def __init__(self, model: nn.Module, norm: BackboneNorm):
+        super().__init__(model, norm)
+        mean, std = (torch.tensor(values)[:, None, None] for values in (IMAGENET_MEAN, IMAGENET_STD))
+        self.scale: Tensor
+        self.shift: Tensor
+        self.register_buffer("scale", 2 * std, persistent=False)
+        self.register_buffer("shift", 2 * mean - 1, persistent=False)
+
+    def forward(self, images: Float[Tensor, "B 3 H W"]) -> Float[Tensor, "B C h w"]:
+        """Feature map."""
+        return super().forward(images * self.scale + self.shift)
+
+
 def make_efficientnet_lite0(norm: BackboneNorm, weights: str | None) -> tuple[FastWhenActing, int]:
     """EfficientNet-lite0 (Tan & Le 2019, without squeeze-and-excite): 3.4 M parameters, stride 32.
 
@@ -99,7 +119,7 @@ def make_efficientnet_lite0(norm: BackboneNorm, weights: str | None) -> tuple[Fa
     model = _feature_maps(LITE_IN_TIMM)
     if weights is not None:
         model.load_state_dict(select(lite0_weights(), model))
-    return TimmBody(model, norm), model.feature_info.channels()[-1]
+    return Lite0Body(model, norm), model.feature_info.channels()[-1]
 
 
 def lite0_weights() -> dict[str, Tensor]:

@@ -95,7 +95,7 @@ class ActChunkedConfig(ChunkedConfig):
         ConfigurationError: on construction, naming the setting that cannot work.
     """
 
-    preset: Literal["base", "paper", "lecture"] = "base"
+    preset: str = "base"
     execution: Mode = PRESET
 
     n_obs_steps: int = PRESET

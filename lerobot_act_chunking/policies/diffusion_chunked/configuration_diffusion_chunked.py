@@ -90,7 +90,7 @@ class DiffusionChunkedConfig(ChunkedConfig):
         ConfigurationError: on construction, naming the setting that cannot work.
     """
 
-    preset: Literal["base", "paper"] = "base"
+    preset: str = "base"
 
     objective: Objective = PRESET
     denoiser: Literal["mixer", "dit", "unet1d"] = PRESET

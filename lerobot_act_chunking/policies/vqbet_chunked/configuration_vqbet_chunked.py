@@ -80,7 +80,7 @@ class VqbetChunkedConfig(ChunkedConfig):
         ConfigurationError: on construction, naming the setting that cannot work.
     """
 
-    preset: Literal["base", "paper"] = "base"
+    preset: str = "base"
 
     n_obs_steps: int = PRESET
     chunk_size: int = PRESET
