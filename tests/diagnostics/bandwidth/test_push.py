@@ -38,6 +38,8 @@ START = torch.tensor([0.0, -0.96, 1.16, 0.0, -0.3, 0.0, 0.5] * 2)
 
 def checkpoint(folder, type_="act_chunked", **settings):
     """An untrained policy that follows the object, hardly its joints, with one opinion for all steps."""
+    if type_ == "act_chunked":
+        settings = {"actions_per_query": 1, **settings}
     config = PreTrainedConfig.get_choice_class(type_)(
         device="cpu",
         push_to_hub=False,
