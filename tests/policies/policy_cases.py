@@ -187,6 +187,7 @@ GUIDED = {
     "condition_dropout": 0.5,
     "guidance_scale": 1.5,
 }
+TWO_LAYERS = {"n_decoder_layers": 2, "actions_per_query": 1, "use_ema": True}  # queries attend to each other
 SAMPLED = {
     "use_vae": True,
     "latent_type": "conditional",
@@ -205,7 +206,7 @@ LEROBOT_AT_T = {"n_obs_steps": 1, "n_action_pred_token": 1, "head_hidden_dims": 
 
 CASES = [
     Case("state", "act_chunked", STATE),
-    Case("environment", "act_chunked", ENVIRONMENT, {"n_decoder_layers": 2, "use_ema": True}),
+    Case("environment", "act_chunked", ENVIRONMENT, TWO_LAYERS),
     Case("vectors", "act_chunked", STATE | VELOCITY | ENVIRONMENT, {"actions_per_query": 5, "use_vae": True}),
     Case("cameras", "act_chunked", TOP | WRIST, {"use_vae": True}),
     Case("mixed", "act_chunked", STATE | TOP, {"preset": "paper"}),
