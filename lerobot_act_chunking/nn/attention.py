@@ -4,6 +4,10 @@ import torch.nn.functional as F  # noqa: N812
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
+from lerobot_act_chunking.nn.dropout import Dropout
+from lerobot_act_chunking.nn.linear import Linear, is_plain
+from lerobot_act_chunking.nn.span import Span
+
 
 class Attention(nn.Module):
     """Scaled dot-product attention with its own projections ("Attention Is All You Need", eq. 1).
@@ -11,16 +15,20 @@ class Attention(nn.Module):
     ``nn.MultiheadAttention`` as LeRobot calls it builds the averaged attention weights on every call, which
     rules out the fused kernels. The key projection has no bias: it adds the same score to every key of a
     query, which the softmax removes.
+
+    Attention is linear in its values, and its scores are linear in its keys. Where there is a single query,
+    or there are more queries than keys of all heads, the projections are therefore taken on the side that
+    has fewer tokens. The results are the same up to rounding.
     """
 
     def __init__(self, dim: int, n_heads: int, dropout: float):
         super().__init__()
-        self.n_heads = n_heads
-        self.dropout = dropout
-        self.q_proj = nn.Linear(dim, dim)
-        self.k_proj = nn.Linear(dim, dim, bias=False)
-        self.v_proj = nn.Linear(dim, dim)
-        self.out_proj = nn.Linear(dim, dim)
+        self.n_heads, self.head_dim = n_heads, dim // n_heads
+        self.dropout = Dropout(dropout)
+        self.q_proj = Linear(dim, dim)
+        self.k_proj = Linear(dim, dim, bias=False)
+        self.v_proj = Linear(dim, dim)
+        self.out_proj = Linear(dim, dim)
 
     def forward(
         self,
@@ -37,6 +45,8 @@ class Attention(nn.Module):
         the keys up to their own place.
         """
         mask = None if is_pad is None else ~is_pad[:, None, None, :]
+        if queries.shape[1] == 1 and keys.shape[1] > self.n_heads and is_plain(self.k_proj, self.v_proj):
+            return self._look_once(queries, keys, values, mask)
         return self.read(queries, *self.remember(keys, values), mask, causal=causal)
 
     def remember(
@@ -55,12 +65,83 @@ class Attention(nn.Module):
         causal: bool = False,
     ) -> Float[Tensor, "B Q D"]:
         """Attend from ``queries`` to what `remember` made; only where ``mask`` is true."""
-        q = self._heads(self.q_proj(queries)).expand(len(keys), -1, -1, -1)
-        dropout = self.dropout if self.training else 0.0
-        mixed = F.scaled_dot_product_attention(
-            q, keys, values, attn_mask=mask, dropout_p=dropout, is_causal=causal
-        )
+        if self.keys_are_few(queries.shape[1], keys.shape[2]):
+            found = self.read_few(queries, keys, values, mask)
+            return found.tokens() + self.out_proj.bias
+        return self._attend(self._heads(self.q_proj(queries)), keys, values, mask, causal=causal)
+
+    def mix(
+        self, x: Span, positions: Float[Tensor, "N D"], is_pad: Bool[Tensor, "B N"] | None
+    ) -> Float[Tensor, "B N D"]:
+        """Attend from all of ``x`` to all of it, as `forward` with ``x + positions`` as queries and keys."""
+        q, k = (self._heads(x.through(layer, positions)) for layer in (self.q_proj, self.k_proj))
+        mask = None if is_pad is None else ~is_pad[:, None, None, :]
+        return self._attend(q, k, self._heads(x.through(self.v_proj)), mask)
+
+    def keys_are_few(self, n_queries: int, n_keys: int) -> bool:
+        """Whether the keys of all heads are fewer than the queries, and `read_few` can be used."""
+        return self.n_heads * n_keys < n_queries and is_plain(self.out_proj)
+
+    def read_few(
+        self,
+        queries: Float[Tensor, "#B Q D"],
+        keys: Float[Tensor, "B H N d"],
+        values: Float[Tensor, "B H N d"],
+        mask: Bool[Tensor, "B 1 1 N"] | None = None,
+    ) -> Span:
+        """As `read`, but for the last bias: for each key, what it would bring; for each query, how much."""
+        weights = self._weights(self._heads(self.q_proj(queries)), keys, mask)
+        from_head = self.out_proj.weight.t().unflatten(0, (self.n_heads, -1))
+        return Span(weights.transpose(1, 2).flatten(2), (values @ from_head).flatten(1, 2))
+
+    def _attend(
+        self,
+        q: Float[Tensor, "#B H Q d"],
+        keys: Float[Tensor, "B H N d"],
+        values: Float[Tensor, "B H N d"],
+        mask: Bool[Tensor, "B 1 1 N"] | None,
+        *,
+        causal: bool = False,
+    ) -> Float[Tensor, "B Q D"]:
+        if self.training and self.dropout.p > 0 and q.device.type == "cpu" and not causal:
+            mixed = self._weights(q, keys, mask) @ values
+        else:
+            dropout = self.dropout.p if self.training else 0.0
+            q = q.expand(len(keys), -1, -1, -1)
+            mixed = F.scaled_dot_product_attention(
+                q, keys, values, attn_mask=mask, dropout_p=dropout, is_causal=causal
+            )
         return self.out_proj(mixed.transpose(1, 2).flatten(2))
+
+    def _look_once(
+        self,
+        query: Float[Tensor, "#B 1 D"],
+        keys: Float[Tensor, "B N D"],
+        values: Float[Tensor, "B N D"],
+        mask: Bool[Tensor, "B 1 1 N"] | None,
+    ) -> Float[Tensor, "B 1 D"]:
+        """One query: its image under the keys' projection meets the keys, their mean that of the values."""
+        to_keys, to_values = (
+            proj.weight.unflatten(0, (self.n_heads, -1)) for proj in (self.k_proj, self.v_proj)
+        )
+        looked = self._heads(self.q_proj(query)) @ to_keys
+        weights = self._weights(looked, keys[:, None], mask)
+        mixed = weights @ values[:, None] @ to_values.transpose(-1, -2)
+        # With dropout the weights do not add up to one, and the values' bias counts as often as they do.
+        mixed = mixed + weights.sum(-1, keepdim=True) * self.v_proj.bias.view(self.n_heads, 1, -1)
+        return self.out_proj(mixed.transpose(1, 2).flatten(2))
+
+    def _weights(
+        self,
+        queries: Float[Tensor, "#B H Q k"],
+        keys: Float[Tensor, "B #H N k"],
+        mask: Bool[Tensor, "B 1 1 N"] | None,
+    ) -> Float[Tensor, "B H Q N"]:
+        """How much of each key every query takes, after dropout."""
+        scores = (queries * self.head_dim**-0.5) @ keys.transpose(-1, -2)
+        if mask is not None:
+            scores = scores.masked_fill(~mask, float("-inf"))
+        return self.dropout(scores.softmax(-1))
 
     def _heads(self, x: Float[Tensor, "B N D"]) -> Float[Tensor, "B H N d"]:
         return x.unflatten(-1, (self.n_heads, -1)).transpose(1, 2)

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from lerobot_act_chunking.nn.positions import sequence_positions
+from lerobot_act_chunking.nn.span import Span, embedded, join
 from lerobot_act_chunking.nn.transformer import Encoder, LayerSpec
 
 
@@ -84,18 +85,22 @@ class StyleEncoder(nn.Module):
                 from acting.
         """
         actions, is_pad = pool_actions(actions, is_pad, self.sees.action_stride)
-        parts = [self.cls.expand(len(actions), 1, -1)]
-        if self.state_proj is not None:
-            parts.append(self.state_proj(state)[:, None])
-        before = is_pad.new_zeros(len(actions), len(parts))
-        parts.append(self.action_proj(actions))
+        before = is_pad.new_zeros(len(actions), 1 + (self.state_proj is not None))
+        sequence = self._embed(actions, state)
         if self.token_proj is not None:
-            parts.append(self.token_proj(self._observed(tokens)))
-        sequence = torch.cat(parts, dim=1)
+            sequence = torch.cat((sequence.tokens(), self.token_proj(self._observed(tokens))), dim=1)
         is_pad = torch.cat((before, is_pad), dim=1)
-        is_pad = F.pad(is_pad, (0, sequence.shape[1] - is_pad.shape[1]))
-        positions = self.positions[: sequence.shape[1]]
+        n_tokens = (sequence.weights if isinstance(sequence, Span) else sequence).shape[1]
+        is_pad = F.pad(is_pad, (0, n_tokens - is_pad.shape[1]))
+        positions = self.positions[:n_tokens]
         return self.posterior_proj(self.encoder(sequence, positions, is_pad, n_out=1)[:, 0])
+
+    def _embed(self, actions: Float[Tensor, "B n A"], state: Float[Tensor, "B S"] | None) -> Span:
+        """Class token, state and actions as combinations of the class token and the embeddings' columns."""
+        parts = [Span(torch.ones_like(actions[:, :1, :1]), self.cls[None])]
+        if self.state_proj is not None and state is not None:
+            parts.append(embedded(self.state_proj, state[:, None]))
+        return join(*parts, embedded(self.action_proj, actions))
 
     def embed(self, latent: Float[Tensor, "B L"]) -> Float[Tensor, "B D"]:
         """What a latent adds to the policy's style token; nothing for the zero latent that ACT acts with."""

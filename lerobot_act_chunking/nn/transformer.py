@@ -8,11 +8,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 import torch
+import torch.nn.functional as F  # noqa: N812
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from lerobot_act_chunking.nn.attention import Attention
-from lerobot_act_chunking.nn.dropout import Dropout
+from lerobot_act_chunking.nn.dropout import Dropout, ReluDropout
+from lerobot_act_chunking.nn.linear import Linear, is_plain
+from lerobot_act_chunking.nn.span import Span
 
 Activation = Literal["relu", "gelu"]
 
@@ -63,7 +66,7 @@ class SelfAttention(Residual):
 
     def forward(
         self,
-        x: Float[Tensor, "#B #N D"],
+        x: Float[Tensor, "#B #N D"] | Span,
         positions: Float[Tensor, "N D"],
         is_pad: Bool[Tensor, "#B N"] | None = None,
         n_out: int | None = None,
@@ -74,6 +77,12 @@ class SelfAttention(Residual):
 
         ``causal`` tokens see themselves and those before them.
         """
+        if isinstance(x, Span):
+            span, x = x, x.tokens()
+            attention = self.attention
+            plain = is_plain(attention.q_proj, attention.k_proj, attention.v_proj)
+            if plain and not (self.pre_norm or n_out or causal):
+                return self.add(x, lambda _: attention.mix(span, positions, is_pad))
 
         def mix(y: Tensor) -> Tensor:
             placed = y + positions
@@ -95,8 +104,17 @@ class CrossAttention(Residual):
         positions: Float[Tensor, "Q D"],
         memory_keys: Float[Tensor, "B N D"],
         memory: Float[Tensor, "B N D"],
-    ) -> Float[Tensor, "B Q D"]:
-        """Add to each query what it finds in ``memory``; ``memory_keys`` is ``memory`` with its positions."""
+    ) -> Float[Tensor, "B Q D"] | Span:
+        """Add to each query what it finds in ``memory``; ``memory_keys`` is ``memory`` with its positions.
+
+        Queries of the same content that find little stay in the span of that.
+        """
+        same = x.shape[:2] == (1, 1) and not self.pre_norm and not (self.training and self.dropout.p)
+        if same and self.attention.keys_are_few(len(positions), memory.shape[1]):
+            found = self.attention.read_few(x + positions, *self.attention.remember(memory_keys, memory))
+            start = (x + self.attention.out_proj.bias).expand(len(memory), -1, -1)
+            sums = Span(F.pad(found.weights, (0, 1), value=1.0), torch.cat((found.vectors, start), dim=1))
+            return sums.normalized(self.norm)
         return self.add(x, lambda y: self.attention(y + positions, memory_keys, memory))
 
 
@@ -105,14 +123,21 @@ class FeedForward(Residual):
 
     def __init__(self, spec: LayerSpec):
         super().__init__(spec)
-        self.expand = nn.Linear(spec.dim, spec.dim_feedforward)
-        self.activation = nn.ReLU() if spec.activation == "relu" else nn.GELU()
-        self.hidden_dropout = Dropout(spec.dropout)
-        self.contract = nn.Linear(spec.dim_feedforward, spec.dim)
+        self.expand = Linear(spec.dim, spec.dim_feedforward)
+        self.activation = (
+            ReluDropout(spec.dropout)
+            if spec.activation == "relu"
+            else nn.Sequential(nn.GELU(), Dropout(spec.dropout))
+        )
+        self.contract = Linear(spec.dim_feedforward, spec.dim)
 
-    def forward(self, x: Float[Tensor, "B N D"]) -> Float[Tensor, "B N D"]:
+    def forward(self, x: Float[Tensor, "B N D"] | Span) -> Float[Tensor, "B N D"]:
         """Refine every token on its own."""
-        return self.add(x, lambda y: self.contract(self.hidden_dropout(self.activation(self.expand(y)))))
+        if isinstance(x, Span):
+            span, x = x, x.tokens()
+            if is_plain(self.expand) and not self.pre_norm:
+                return self.add(x, lambda _: self.contract(self.activation(span.through(self.expand))))
+        return self.add(x, lambda y: self.contract(self.activation(self.expand(y))))
 
 
 class EncoderLayer(nn.Module):
@@ -125,7 +150,7 @@ class EncoderLayer(nn.Module):
 
     def forward(
         self,
-        x: Float[Tensor, "B N D"],
+        x: Float[Tensor, "B N D"] | Span,
         positions: Float[Tensor, "N D"],
         is_pad: Bool[Tensor, "B N"] | None = None,
         n_out: int | None = None,
@@ -145,7 +170,7 @@ class Encoder(nn.Module):
 
     def forward(
         self,
-        x: Float[Tensor, "B N D"],
+        x: Float[Tensor, "B N D"] | Span,
         positions: Float[Tensor, "N D"],
         is_pad: Bool[Tensor, "B N"] | None = None,
         n_out: int | None = None,

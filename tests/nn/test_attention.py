@@ -55,3 +55,78 @@ def test_attention_weights_drop_out_in_training_only():
     assert not torch.equal(attention(x, x, x), attention(x, x, x))
     attention.eval()
     torch.testing.assert_close(attention(x, x, x), attention(x, x, x), rtol=0, atol=0)
+
+
+@pytest.mark.parametrize("shared", [True, False])
+def test_a_single_query_is_not_projected_key_by_key(attention, shared, monkeypatch):
+    """The class token of a long sequence meets the keys themselves."""
+    query, keys, values = torch.randn(1 if shared else B, 1, D), torch.randn(B, N, D), torch.randn(B, N, D)
+    is_pad = torch.arange(N) >= torch.tensor([[7], [4], [1]])
+    expected = reference_of_one(attention, query, keys, values, is_pad)
+    monkeypatch.setattr(Attention, "remember", None)
+    torch.testing.assert_close(attention(query, keys, values, is_pad), expected)
+
+
+def reference_of_one(attention, query, keys, values, is_pad):
+    return reference(attention, query.expand(-1, Q, -1), keys, values, is_pad)[:, :1]
+
+
+def test_a_single_query_with_dropout_counts_the_bias_of_what_is_left():
+    torch.manual_seed(0)
+    attention = Attention(D, H, dropout=0.4)
+    query, keys = torch.randn(B, 1, D), torch.randn(B, N, D)
+    torch.nn.init.normal_(attention.v_proj.bias)
+    outputs = []
+    for look in (attention.forward, lambda *x: attention.read(x[0], *attention.remember(*x[1:]))):
+        torch.manual_seed(1)
+        outputs.append(look(query, keys, keys))
+    torch.testing.assert_close(*outputs)
+
+
+def test_more_queries_than_keys_of_all_heads(attention, monkeypatch):
+    """What each key brings is projected, not what each query found."""
+    queries, keys, values = torch.randn(1, 9, D), torch.randn(B, 4, D), torch.randn(B, 4, D)
+    few = attention(queries, keys, values)
+    monkeypatch.setattr(Attention, "keys_are_few", lambda *_: False)
+    torch.testing.assert_close(few, attention(queries, keys, values))
+
+
+class Adapted(torch.nn.Module):
+    """A layer as an adapter wraps it: its weight is not all there is to it."""
+
+    def __init__(self, layer):
+        super().__init__()
+        self.layer = layer
+
+    @property
+    def weight(self):
+        return self.layer.weight
+
+    @property
+    def bias(self):
+        return self.layer.bias
+
+    def forward(self, x):
+        return self.layer(x) + 1
+
+
+@pytest.mark.parametrize("name", ["q_proj", "k_proj", "v_proj", "out_proj"])
+@pytest.mark.parametrize("n_queries", [1, 9, 40])
+def test_layers_wrapped_by_an_adapter_are_called(attention, name, n_queries):
+    setattr(attention, name, Adapted(getattr(attention, name)))
+    queries, keys = torch.randn(B, 40, D), torch.randn(B, N, D)
+    whole = attention.out_proj(
+        torch.nn.functional.scaled_dot_product_attention(
+            *(
+                layer(x).unflatten(-1, (H, -1)).transpose(1, 2)
+                for layer, x in (
+                    (attention.q_proj, queries),
+                    (attention.k_proj, keys),
+                    (attention.v_proj, keys),
+                )
+            )
+        )
+        .transpose(1, 2)
+        .flatten(2)
+    )
+    torch.testing.assert_close(attention(queries[:, :n_queries], keys, keys), whole[:, :n_queries])

@@ -62,7 +62,9 @@ def test_a_last_window_that_is_shorter_is_no_mix_with_zeros():
 
 def test_strides_shorten_the_sequence():
     encoder, lengths = make(S, action_stride=2), []
-    encoder.encoder.layers[0].register_forward_pre_hook(lambda _, args: lengths.append(args[0].shape[1]))
+    encoder.encoder.layers[0].register_forward_pre_hook(
+        lambda _, args: lengths.append(args[0].tokens().shape[1])
+    )
     encoder(torch.randn(B, T, A), PADS, torch.ones(B, S))
     assert lengths == [1 + 1 + 3]
 
