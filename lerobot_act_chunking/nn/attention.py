@@ -8,6 +8,9 @@ from lerobot_act_chunking.nn.dropout import Dropout
 from lerobot_act_chunking.nn.linear import Linear, is_plain
 from lerobot_act_chunking.nn.span import Span
 
+# Multiplications that a projection must have before doing without it pays on a CPU.
+_WORTH_A_DETOUR = 2**22
+
 
 class Attention(nn.Module):
     """Scaled dot-product attention with its own projections ("Attention Is All You Need", eq. 1).
@@ -79,8 +82,9 @@ class Attention(nn.Module):
         return self._attend(q, k, self._heads(x.through(self.v_proj)), mask)
 
     def keys_are_few(self, n_queries: int, n_keys: int) -> bool:
-        """Whether the keys of all heads are fewer than the queries, and `read_few` can be used."""
-        return self.n_heads * n_keys < n_queries and is_plain(self.out_proj)
+        """Whether the keys of all heads are fewer than the queries, and `read_few` saves time."""
+        few = self.n_heads * n_keys < n_queries
+        return few and n_queries * self.out_proj.weight.numel() > _WORTH_A_DETOUR and is_plain(self.out_proj)
 
     def read_few(
         self,

@@ -21,6 +21,11 @@ def reference(attention, queries, keys, values, is_pad=None):
     return attention.out_proj(out)
 
 
+@pytest.fixture(autouse=True)
+def detours_are_worth_it_at_any_size(monkeypatch):
+    monkeypatch.setattr("lerobot_act_chunking.nn.attention._WORTH_A_DETOUR", 0)
+
+
 @pytest.fixture
 def attention():
     torch.manual_seed(0)
@@ -86,6 +91,7 @@ def test_a_single_query_with_dropout_counts_the_bias_of_what_is_left():
 def test_more_queries_than_keys_of_all_heads(attention, monkeypatch):
     """What each key brings is projected, not what each query found."""
     queries, keys, values = torch.randn(1, 9, D), torch.randn(B, 4, D), torch.randn(B, 4, D)
+    assert attention.keys_are_few(9, 4)
     few = attention(queries, keys, values)
     monkeypatch.setattr(Attention, "keys_are_few", lambda *_: False)
     torch.testing.assert_close(few, attention(queries, keys, values))
