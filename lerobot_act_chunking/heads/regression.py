@@ -5,7 +5,7 @@ from typing import Literal
 from jaxtyping import Float
 from torch import Tensor
 
-from lerobot_act_chunking.heads.action_head import ElementHead
+from lerobot_act_chunking.heads.action_head import ElementHead, at_least_single
 
 
 class RegressionHead(ElementHead):
@@ -37,5 +37,5 @@ class RegressionHead(ElementHead):
         return difference.abs() if self.power == 1 else difference.square()
 
     def choose(self, features: Float[Tensor, "B q D"], draws: Tensor | None) -> Float[Tensor, "B t A"]:
-        """The prediction."""
-        return self(features)
+        """The prediction, in single precision at least, also under autocast."""
+        return at_least_single(self(features))

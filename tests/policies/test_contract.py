@@ -58,6 +58,15 @@ def test_it_trains_in_mixed_precision(case):
     assert all(p.grad is None or torch.isfinite(p.grad).all() for p in policy.parameters())
 
 
+def test_it_acts_in_single_precision_in_mixed_precision(case):
+    """LeRobot evaluates under autocast, too, and hands the actions to NumPy, which has no bfloat16."""
+    policy = case.policy()
+    with torch.autocast("cpu", torch.bfloat16):
+        assert policy.select_action(case.batch()).dtype == torch.float32
+        policy.reset()
+        assert policy.predict_action_chunk(case.batch()).dtype == torch.float32
+
+
 def test_per_sample_losses_average_to_the_loss(case):
     losses = {}
     for reduction in ("mean", "none"):

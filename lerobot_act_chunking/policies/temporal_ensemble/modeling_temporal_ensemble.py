@@ -13,6 +13,7 @@ from torch import Tensor
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.executor import ChunkExecutor
 from lerobot_act_chunking.execution.timeline import Environments
+from lerobot_act_chunking.heads.action_head import at_least_single
 from lerobot_act_chunking.hub.card import extend_card
 from lerobot_act_chunking.policies.chunked_policy import ChunkedPolicy
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
@@ -124,9 +125,8 @@ class TemporalEnsemblePolicy(PreTrainedPolicy):
             self.eval()
         if envs is not None and isinstance(self.inner, ChunkedPolicy):
             kwargs["envs"] = envs.repeat(n_samples)
-        return self.inner.predict_action_chunk(
-            self._observations.for_prediction(batch, envs, n_samples), **kwargs
-        )
+        observations = self._observations.for_prediction(batch, envs, n_samples)
+        return at_least_single(self.inner.predict_action_chunk(observations, **kwargs))
 
     def reset(self, envs: Sequence[int] | Tensor | None = None) -> None:
         """Forget all chunks and observations: a new rollout begins, in all environments or in these alone."""
