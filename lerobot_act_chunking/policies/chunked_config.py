@@ -1,7 +1,7 @@
 """What the configurations of this package's policies have in common."""
 
 from dataclasses import dataclass
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar, Literal, get_args, get_origin, get_type_hints
 
 from lerobot.configs import FeatureType, NormalizationMode, PreTrainedConfig
 from lerobot.optim import AdamWConfig, LRSchedulerConfig
@@ -61,6 +61,10 @@ class ChunkedConfig(ExecutionFields, PreTrainedConfig):
         lr_schedule: ``constant``, or ``cosine`` to zero over the run, both after the warm-up.
         lr_warmup_steps: linear warm-up [optimiser steps].
     """
+
+    # Choices of fields that LeRobot's policies have, too: its command line has one argument for all fields of
+    # a name, so that a Literal here would refuse what another policy takes.
+    choices: ClassVar[dict[str, tuple[str, ...]]] = {}
 
     state_keys: list[str] | None = None
 
@@ -166,9 +170,11 @@ class ChunkedConfig(ExecutionFields, PreTrainedConfig):
         Raises:
             ConfigurationError: naming the field and its choices.
         """
-        for name, hint in get_type_hints(type(self)).items():
-            if get_origin(hint) is Literal and getattr(self, name) not in get_args(hint):
-                raise unknown_choice(name, getattr(self, name), get_args(hint))
+        hints = get_type_hints(type(self)).items()
+        listed = {name: get_args(hint) for name, hint in hints if get_origin(hint) is Literal}
+        for name, choices in (listed | self.choices).items():
+            if getattr(self, name) not in choices:
+                raise unknown_choice(name, getattr(self, name), choices)
 
     def check_divides(self, count: str, divisor: str) -> None:
         """Refuse a ``count`` that is not a multiple of its ``divisor`` (both names of fields)."""

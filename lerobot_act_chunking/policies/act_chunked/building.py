@@ -1,5 +1,7 @@
 """The network of `act_chunked` from its settings."""
 
+from typing import cast
+
 from lerobot.utils.constants import OBS_STATE
 
 from lerobot_act_chunking.heads.make import make_action_head
@@ -9,7 +11,7 @@ from lerobot_act_chunking.nn.latents.latent import Latent
 from lerobot_act_chunking.nn.latents.make import make_latent
 from lerobot_act_chunking.nn.observation import CameraTokens, ObservationEncoder, VectorTokens
 from lerobot_act_chunking.nn.style_encoder import StyleEncoder, StyleInput
-from lerobot_act_chunking.nn.transformer import Decoder, Encoder, LayerSpec
+from lerobot_act_chunking.nn.transformer import Activation, Decoder, Encoder, LayerSpec
 from lerobot_act_chunking.nn.velocity import FiniteDifferences
 from lerobot_act_chunking.nn.vision import make_backbone
 from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
@@ -23,7 +25,7 @@ def build_network(config: ActChunkedConfig, backbone_weights: str | None) -> Act
         n_heads=config.n_heads,
         dim_feedforward=config.dim_feedforward,
         dropout=config.dropout,
-        activation=config.feedforward_activation,
+        activation=cast(Activation, config.feedforward_activation),
         pre_norm=config.pre_norm,
     )
     (action_dim,) = config.feature_spec.action

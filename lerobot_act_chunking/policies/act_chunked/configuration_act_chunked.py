@@ -95,6 +95,8 @@ class ActChunkedConfig(ChunkedConfig):
         ConfigurationError: on construction, naming the setting that cannot work.
     """
 
+    choices = {"feedforward_activation": ("relu", "gelu")}  # noqa: RUF012  (ClassVar in the base)
+
     preset: str = "base"
     execution: Mode = PRESET
 
@@ -117,7 +119,7 @@ class ActChunkedConfig(ChunkedConfig):
     dim_model: int = PRESET
     n_heads: int = 8
     dim_feedforward: int = PRESET
-    feedforward_activation: Literal["relu", "gelu"] = PRESET
+    feedforward_activation: str = PRESET
     n_encoder_layers: int = PRESET
     n_decoder_layers: int = PRESET
     dropout: float = PRESET

@@ -15,8 +15,6 @@ from lerobot_act_chunking.policies.chunked_config import PRESET, ChunkedConfig
 from lerobot_act_chunking.policies.diffusion_chunked.checks import check
 from lerobot_act_chunking.policies.diffusion_chunked.presets import preset_values
 
-Objective = Literal["flow", "ddpm", "two_step"]
-PredictionType = Literal["velocity", "sample", "epsilon", "v_prediction"]
 SamplerName = Literal["euler", "midpoint", "heun", "rk4", "ddim", "ddpm", "dpm++", "two_step"]
 Spacing = Literal["leading", "trailing", "linspace"]
 WarmStart = Literal["none", "noise_hold", "sdedit", "rtc", "prefix"]
@@ -90,18 +88,24 @@ class DiffusionChunkedConfig(ChunkedConfig):
         ConfigurationError: on construction, naming the setting that cannot work.
     """
 
+    choices = {  # noqa: RUF012  (ClassVar in the base)
+        "objective": ("flow", "ddpm", "two_step"),
+        "prediction_type": ("velocity", "sample", "epsilon", "v_prediction"),
+        "beta_schedule": ("squaredcos_cap_v2", "linear", "scaled_linear"),
+    }
+
     preset: str = "base"
 
-    objective: Objective = PRESET
+    objective: str = PRESET
     denoiser: Literal["mixer", "dit", "unet1d"] = PRESET
     n_obs_steps: int = PRESET
     horizon: int = PRESET
     align: Literal["current", "first_obs"] = PRESET
     execution: Mode = PRESET
 
-    prediction_type: PredictionType = PRESET
+    prediction_type: str = PRESET
     num_train_timesteps: int = 100
-    beta_schedule: Literal["squaredcos_cap_v2", "linear", "scaled_linear"] = "squaredcos_cap_v2"
+    beta_schedule: str = "squaredcos_cap_v2"
     beta_start: float = 0.0001
     beta_end: float = 0.02
     time_distribution: Literal["uniform", "beta", "logit_normal"] = "beta"

@@ -1,0 +1,49 @@
+"""LeRobot's command line has one argument per field name, shared by every policy that is registered."""
+
+import typing
+from dataclasses import dataclass, fields
+
+import draccus
+import pytest
+from lerobot.configs import PreTrainedConfig
+
+import lerobot_act_chunking.plugin  # noqa: F401  (registers the policies)
+
+OURS = ("act_chunked", "vqbet_chunked", "diffusion_chunked", "temporal_ensemble")
+
+
+@dataclass
+class Command:
+    """What a command of LeRobot parses, as far as policies go."""
+
+    policy: PreTrainedConfig
+
+
+@pytest.fixture(scope="module")
+def policies() -> dict[str, type]:
+    import lerobot.policies  # noqa: F401  (registers LeRobot's)
+
+    return PreTrainedConfig.get_known_choices()
+
+
+def test_no_choice_of_ours_restricts_a_field_of_lerobots(policies: dict[str, type]) -> None:
+    theirs = {field.name for name, config in policies.items() if name not in OURS for field in fields(config)}
+    assert {"objective", "feedforward_activation", "beta_schedule"} <= theirs
+    for name in OURS:
+        for field, hint in typing.get_type_hints(policies[name]).items():
+            assert typing.get_origin(hint) is not typing.Literal or field not in theirs, (name, field)
+
+
+@pytest.mark.usefixtures("policies")
+@pytest.mark.parametrize(
+    ("policy", "field", "value"),
+    [
+        ("multi_task_dit", "objective", "diffusion"),
+        ("act", "feedforward_activation", "glu"),
+        ("diffusion", "prediction_type", "sample"),
+        ("diffusion_chunked", "objective", "two_step"),
+    ],
+)
+def test_every_policy_keeps_its_choices(policy: str, field: str, value: str) -> None:
+    command = draccus.parse(Command, args=[f"--policy.type={policy}", f"--policy.{field}={value}"])
+    assert getattr(command.policy, field) == value
