@@ -6,6 +6,7 @@ imports this one. Only configurations are imported here; LeRobot finds the rest 
 """
 
 import lerobot_act_chunking.envs.configuration_envs
+import lerobot_act_chunking.envs.configuration_robotics
 import lerobot_act_chunking.policies.act_chunked.configuration_act_chunked
 import lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked
 import lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble

@@ -9,12 +9,20 @@ from rich.console import Console
 
 def motion_command(
     policy_path: Annotated[str, typer.Argument(help="Checkpoint folder (…/pretrained_model) or repo id.")],
-    task: Annotated[str, typer.Option(help="transfer_cube or insertion.")] = "transfer_cube",
-    seed: Annotated[int, typer.Option(help="Seed of the object's pose.")] = 1000,
-    success: Annotated[str, typer.Option(help="Rule that ends the episode: touch or hold.")] = "touch",
+    task: Annotated[
+        str, typer.Option(help="The task to run, as insertion or FetchPush-v4.")
+    ] = "transfer_cube",
+    seed: Annotated[int, typer.Option(help="Seed of the episode.")] = 1000,
+    success: Annotated[
+        str | None,
+        typer.Option(
+            help="Success rule: ALOHA's touch or hold, gymnasium-robotics' any or final. \\[default: the "
+            "first]"
+        ),
+    ] = None,
     out: Annotated[Path, typer.Option(help="The PNG to write.")] = Path("motion.png"),
 ) -> None:
-    """Run one episode of a checkpoint in aloha_sim and draw frames, joints, grippers and reward."""
+    """Run one episode of a checkpoint and draw frames, actions, grippers and reward."""
     from lerobot_act_chunking.diagnostics.motion import plot_motion, record_motion
 
     motion = record_motion(policy_path, task=task, seed=seed, success=success)

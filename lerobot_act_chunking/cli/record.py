@@ -1,7 +1,7 @@
 """``act-chunking record``: scripted demonstrations into a LeRobotDataset."""
 
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 
 import typer
 
@@ -12,52 +12,79 @@ def record_command(
         Path | None,
         typer.Option(help="Folder of the dataset. \\[default: where LeRobot looks for the repo id]"),
     ] = None,
-    task: Annotated[str, typer.Option(help="transfer_cube or insertion.")] = "transfer_cube",
+    env: Annotated[str, typer.Option(help="aloha_sim or gymnasium_robotics.")] = "aloha_sim",
+    task: Annotated[
+        str | None,
+        typer.Option(
+            help="transfer_cube or insertion; FetchReach-v4, FetchPush-v4, FetchSlide-v4 or "
+            "FetchPickAndPlace-v4. \\[default: the first of each]"
+        ),
+    ] = None,
     episodes: Annotated[int, typer.Option(help="Successful episodes to record.")] = 50,
     obs: Annotated[
-        str, typer.Option(help="state (joints, objects), pixels (cameras) or pixels_state (cameras, joints).")
+        str, typer.Option(help="state (robot, objects), pixels (cameras) or pixels_state (cameras, robot).")
     ] = "state",
-    velocity: Annotated[bool, typer.Option("--velocity", help="Also record joint velocities.")] = False,
+    velocity: Annotated[
+        bool | None,
+        typer.Option(
+            "--velocity/--no-velocity",
+            help="Record velocities. \\[default: not ALOHA's; Fetch's, which belong to the original]",
+        ),
+    ] = None,
     cameras: Annotated[
-        str, typer.Option(help="Cameras, as in top,angle,left_wrist. \\[default: top, none with --obs state]")
+        str,
+        typer.Option(
+            help="Cameras, as in top,angle,left_wrist. \\[default: top or view, none with --obs state]"
+        ),
     ] = "",
     image_height: Annotated[int, typer.Option(help="Height of every camera's video \\[px].")] = 480,
     image_width: Annotated[int, typer.Option(help="Width of every camera's video \\[px].")] = 640,
     render_quality: Annotated[
-        str, typer.Option(help="full (gym-aloha's look) or fast (no shadows and reflections; for CPUs).")
+        str, typer.Option(help="full (the original's look) or fast (no shadows and reflections; for CPUs).")
     ] = "full",
     success: Annotated[
-        str, typer.Option(help="What counts as success: hold (lifted and held) or touch (gym-aloha's).")
-    ] = "hold",
+        str | None,
+        typer.Option(
+            help="What counts as success. ALOHA: hold (lifted and held) or touch (gym-aloha's). Fetch: final "
+            "(at the episode's last step) or any (ends there). \\[default: the first]"
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the first episode; lerobot-eval begins at 1000.")] = 0,
     speed: Annotated[float, typer.Option(help="The expert's pace, 1 is nominal.")] = 1.0,
     waypoint_noise: Annotated[float, typer.Option(help="Random shift of free way-points, std \\[m].")] = 0.0,
     action_noise: Annotated[
-        float, typer.Option(help="Disturbance of what is executed, std \\[rad]; recorded targets stay clean.")
+        float,
+        typer.Option(
+            help="Disturbance of what is executed, std \\[rad; Fetch: of the largest action]; recorded "
+            "actions stay clean."
+        ),
     ] = 0.0,
-    dwell: Annotated[float, typer.Option(help="Pause at each grasp and release \\[s].")] = 0.0,
+    dwell: Annotated[
+        float, typer.Option(help="Pause at each grasp and release, before each push \\[s].")
+    ] = 0.0,
     workers: Annotated[int, typer.Option(help="Processes that play episodes; the dataset is the same.")] = 1,
 ) -> None:
     """Record an expert's successful episodes as a LeRobotDataset.
 
     Can be stopped at any moment: the same command goes on from there, and the dataset appears when complete.
     """
-    from lerobot_act_chunking.envs.experts import ExpertOptions
+    from lerobot_act_chunking.envs.demonstration import ExpertOptions
     from lerobot_act_chunking.recording import RecordSpec
 
     _run(
         RecordSpec(
             repo_id=repo_id,
             root=root,
-            task=cast(Any, task),
+            env=env,
+            task=task,
             episodes=episodes,
-            obs=cast(Any, obs),
+            obs=obs,
             velocity=velocity,
             cameras=tuple(name.strip() for name in cameras.split(",") if name.strip()),
             image_height=image_height,
             image_width=image_width,
-            render_quality=cast(Any, render_quality),
-            success=cast(Any, success),
+            render_quality=render_quality,
+            success=success,
             seed=seed,
             expert=ExpertOptions(speed, waypoint_noise, action_noise, dwell),
             workers=workers,
@@ -74,11 +101,12 @@ def _run(spec: Any) -> None:
     console = Console()
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console) as bar:
-        line = bar.add_task(f"recording {spec.task}", total=spec.episodes)
+        what = f"recording {spec.source().environment.task}"
+        line = bar.add_task(what, total=spec.episodes)
 
         def show(progress: RecordingProgress) -> None:
             failed = f", {progress.failed} failed" if progress.failed else ""
-            bar.update(line, completed=progress.recorded, description=f"recording {spec.task}{failed}")
+            bar.update(line, completed=progress.recorded, description=what + failed)
 
         result = record(spec, progress=show)
         bar.update(line, completed=result.episodes)

@@ -11,12 +11,18 @@ def smoothness_command(
         list[str],
         typer.Argument(help="Checkpoint folders or repo ids, LeRobotDataset folders; compared in one table."),
     ],
-    task: Annotated[str, typer.Option(help="Checkpoints: transfer_cube or insertion.")] = "transfer_cube",
+    task: Annotated[
+        str, typer.Option(help="Checkpoints: the task to run, as insertion or FetchPush-v4.")
+    ] = "transfer_cube",
     episodes: Annotated[int, typer.Option(help="Checkpoints: episodes to run.")] = 50,
     seed: Annotated[int, typer.Option(help="Checkpoints: seed of the first episode.")] = 1000,
     success: Annotated[
-        str, typer.Option(help="Checkpoints: rule that ends an episode, touch or hold.")
-    ] = "touch",
+        str | None,
+        typer.Option(
+            help="Checkpoints: success rule. ALOHA: touch or hold; gymnasium-robotics: any or final. "
+            "\\[default: the first]"
+        ),
+    ] = None,
     n_envs: Annotated[int, typer.Option(help="Checkpoints: episodes that run together.")] = 50,
     replan_interval: Annotated[
         int | None,

@@ -30,7 +30,8 @@ def steps_command(
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
     success: Annotated[
-        str | None, typer.Option(help="Also run this task by number of steps: transfer_cube or insertion.")
+        str | None,
+        typer.Option(help="Also run this task by number of steps, as FetchPush-v4."),
     ] = None,
     success_seeds: Annotated[int, typer.Option(min=1, help="Episodes per number of steps.")] = 50,
     json: Annotated[Path | None, typer.Option(help="Write every number to this file.")] = None,
@@ -76,12 +77,12 @@ def _measure(request: "Request", task: str | None, n_seeds: int, console: Consol
 
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
+    from lerobot_act_chunking.diagnostics.environments import check_task
     from lerobot_act_chunking.diagnostics.steps.report import diagnose
     from lerobot_act_chunking.diagnostics.steps.success import cells_to_run, success_by_steps
-    from lerobot_act_chunking.envs.aloha.tasks import get_task
 
     if task is not None:
-        get_task(task)
+        check_task(task)
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console) as bar:
         report = diagnose(request, _show_on(bar, "sampling"))

@@ -19,7 +19,8 @@ class Motion:
     Attributes:
         dt: control period [s].
         commands: what the policy asked for, ``(T, A)`` in the environment's units.
-        positions: where the joints were when it asked, ``(T, A)`` in the same units.
+        joint_names: of the A dimensions; grippers have "gripper" in theirs.
+        positions: where the joints were when it asked, ``(T, A)`` in the same units, or ``(T, 0)``.
         rewards: the reward after each step, ``(T,)``.
         frames: ``(step, image)`` pairs, images ``(H, W, 3)`` uint8.
         replans: steps at which the policy planned a new chunk, as far as known.
@@ -36,20 +37,20 @@ class Motion:
     frames: list[tuple[int, np.ndarray]] = field(default_factory=list)
 
 
-def record_motion(policy_path: str, *, task: str, seed: int, success: str = "touch") -> Motion:
-    """Run one episode of a checkpoint in ``aloha_sim``, as ``lerobot-eval`` would.
+def record_motion(policy_path: str, *, task: str, seed: int, success: str | None = None) -> Motion:
+    """Run one episode of a checkpoint, as ``lerobot-eval`` would.
 
     Args:
-        policy_path: checkpoint folder or repo id of any LeRobot policy trained on ``aloha_sim``.
-        task: ``transfer_cube`` or ``insertion``.
-        seed: seed of the episode's object pose.
-        success: the rule that ends the episode, ``touch`` or ``hold``.
+        policy_path: checkpoint folder or repo id of any LeRobot policy trained on a simulated task.
+        task: as ``insertion`` or ``FetchPush-v4``.
+        seed: of the episode.
+        success: the environment's success rule; by default its own default.
 
     Raises:
         ConfigurationError: no such checkpoint, or it asks for observations the environment does not have.
     """
-    from lerobot_act_chunking.diagnostics.rollouts import environment_for, roll_out
-    from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
+    from lerobot_act_chunking.diagnostics.environments import environment_for
+    from lerobot_act_chunking.diagnostics.rollouts import roll_out
 
     policy = load_policy(policy_path)
     config = policy.policy.config
@@ -65,7 +66,7 @@ def record_motion(policy_path: str, *, task: str, seed: int, success: str = "tou
     return Motion(
         title=f"{config.type} on {task}, seed {seed}: {'success' if rollout.success else 'failure'}",
         dt=rollout.dt,
-        joint_names=JOINT_NAMES,
+        joint_names=env_config.action_names,
         commands=rollout.commands,
         positions=rollout.positions,
         rewards=rollout.rewards,
@@ -76,28 +77,40 @@ def record_motion(policy_path: str, *, task: str, seed: int, success: str = "tou
 
 
 def plot_motion(motion: Motion, path: Path) -> Path:
-    """Draw a motion as a film strip, both arms' joints, both grippers and the reward, into a PNG."""
+    """Draw a motion as a film strip, the actions, the grippers and the reward, into a PNG."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(12, 10), layout="constrained")
+    groups = _groups(motion.joint_names)
+    heights = [1.5 if name.startswith("gripper") else 3 for name in groups]
+    figure = Figure(figsize=(12, 3 + sum(heights)), layout="constrained")
     film, plots = cast("tuple[Any, Any]", figure.subfigures(2, 1, height_ratios=[1, 4]))
     film.suptitle(motion.title)
     _draw_film(film, motion)
-    axes = plots.subplots(4, 1, sharex=True, height_ratios=[3, 3, 1.5, 1])
-    half = len(motion.joint_names) // 2
-    _draw_joints(axes[0], motion, range(half - 1), "left arm [rad]")
-    _draw_joints(axes[1], motion, range(half, 2 * half - 1), "right arm [rad]")
-    _draw_joints(axes[2], motion, [half - 1, 2 * half - 1], "grippers\n(1 is open)")
+    axes = plots.subplots(len(groups) + 1, 1, sharex=True, height_ratios=[*heights, 1])
+    for ax, (label, joints) in zip(axes[:-1], groups.items(), strict=True):
+        _draw_joints(ax, motion, joints, label)
     time = np.arange(len(motion.rewards)) * motion.dt
-    axes[3].step(time, motion.rewards, where="post", color="tab:green")
-    axes[3].set(ylabel="reward", xlabel="time [s]", xlim=(0, time[-1] + motion.dt))
-    axes[3].margins(y=0.15)
+    axes[-1].step(time, motion.rewards, where="post", color="tab:green")
+    axes[-1].set(ylabel="reward", xlabel="time [s]", xlim=(0, time[-1] + motion.dt))
+    axes[-1].margins(y=0.15)
     plots.align_ylabels(axes)
     for ax in axes:
         _draw_replans(ax, motion)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
     return path
+
+
+def _groups(joint_names: Sequence[str]) -> dict[str, list[int]]:
+    """Which dimensions share a plot, by its label."""
+    grippers = [joint for joint, name in enumerate(joint_names) if "gripper" in name]
+    others = [joint for joint in range(len(joint_names)) if joint not in grippers]
+    arms = {
+        f"{side} arm [rad]": [j for j in others if joint_names[j].startswith(side)]
+        for side in ("left", "right")
+    }
+    groups = arms if all(arms.values()) else {"actions": others}
+    return groups | ({"grippers\n(1 is open)": grippers} if grippers else {})
 
 
 def _draw_film(figure: Any, motion: Motion) -> None:
@@ -117,9 +130,11 @@ def _draw_joints(ax: Any, motion: Motion, joints: Sequence[int], label: str) -> 
     time = np.arange(len(motion.commands)) * motion.dt
     for joint in joints:
         (line,) = ax.plot(time, motion.commands[:, joint], label=_short(motion.joint_names[joint]))
-        ax.plot(time, motion.positions[:, joint], color=line.get_color(), linewidth=0.8, linestyle=":")
+        if motion.positions.size:
+            ax.plot(time, motion.positions[:, joint], color=line.get_color(), linewidth=0.8, linestyle=":")
     ax.set_ylabel(label)
-    ax.legend(loc="center left", bbox_to_anchor=(1, 0.5), fontsize=8, title="command (dotted: motion)")
+    title = "command (dotted: motion)" if motion.positions.size else "command"
+    ax.legend(loc="center left", bbox_to_anchor=(1, 0.5), fontsize=8, title=title)
 
 
 def _short(name: str) -> str:

@@ -1,4 +1,4 @@
-"""Episodes of a checkpoint in ``aloha_sim``, with everything that a diagnosis needs written down.
+"""Episodes of a checkpoint in a simulation, with everything that a diagnosis needs written down.
 
 Acts exactly as ``lerobot-eval`` (same observations, processors, batches, success rule), in this process and
 without a vector environment: finished episodes cost nothing, and one network call serves all the others.
@@ -15,13 +15,13 @@ import torch
 from lerobot.envs.utils import preprocess_observation
 from torch import Tensor
 
+from lerobot_act_chunking.diagnostics.environments import EnvironmentConfig
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
-from lerobot_act_chunking.envs.configuration_envs import AlohaSimEnvConfig
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.executor import ChunkExecutor
 from lerobot_act_chunking.policies.loading import LoadedPolicy
 
-OnStep = Callable[[int, int, AlohaSimEnv], None]
+OnStep = Callable[[int, int, Any], None]
 OnChunk = Callable[[Tensor, Tensor | None], None]
 
 
@@ -44,12 +44,13 @@ class Rollout:
     """One episode as it was commanded and as it came out.
 
     Attributes:
-        seed: seed of the episode's object poses.
+        seed: of the episode.
         dt: control period [s].
         commands: what the policy asked for, ``(T, A)`` in the environment's units.
-        positions: where the joints were when it asked, ``(T, A)`` in the same units.
+        positions: where the joints were when it asked, ``(T, A)`` in the same units; ``(T, 0)`` where actions
+            are no positions.
         rewards: the reward after each step, ``(T,)``.
-        success: whether the environment's rule was met at any step; that step is the last.
+        success: whether the environment said ``is_success`` at any step, as LeRobot counts.
         inferences: network calls while the episode was running, in order; none if the policy neither has a
             `ChunkExecutor` nor calls its own ``predict_action_chunk`` (LeRobot's ``smolvla``).
     """
@@ -65,7 +66,7 @@ class Rollout:
 
 def roll_out(
     policy: LoadedPolicy,
-    env_config: AlohaSimEnvConfig,
+    env_config: EnvironmentConfig,
     seeds: Sequence[int],
     *,
     n_envs: int = 50,
@@ -120,41 +121,17 @@ def roll_out(
     return finished
 
 
-def environment_for(config: Any, *, task: str, success: str) -> AlohaSimEnvConfig:
-    """The ``aloha_sim`` configuration whose observations are the ones a policy was trained on.
-
-    Raises:
-        ConfigurationError: unknown task, cameras of different sizes, or cameras together with object poses.
-    """
-    quick: dict[str, Any] = {"task": task, "success": success, "render_quality": "fast"}
-    images = config.image_features
-    if not images:
-        return AlohaSimEnvConfig(
-            **quick, obs_type="state", agent_vel="observation.agent_vel" in config.input_features
-        )
-    sizes = {tuple(feature.shape[-2:]) for feature in images.values()}
-    if len(sizes) > 1:
-        raise ConfigurationError(f"aloha_sim renders one image size, the policy wants {sorted(sizes)}")
-    height, width = sizes.pop()
-    return AlohaSimEnvConfig(
-        **quick,
-        obs_type="pixels_state" if "observation.state" in config.input_features else "pixels",
-        cameras=[key.removeprefix("observation.images.") for key in images],
-        observation_height=height,
-        observation_width=width,
-    )
-
-
 @dataclass
 class _Episode:
     """An episode under way."""
 
     seed: int
-    env: AlohaSimEnv
+    env: Any
     commands: list[np.ndarray] = field(default_factory=list)
     positions: list[np.ndarray] = field(default_factory=list)
     rewards: list[float] = field(default_factory=list)
     inferences: list[Inference] = field(default_factory=list)
+    success: bool = False
     done: bool = False
 
     def __post_init__(self) -> None:
@@ -162,28 +139,35 @@ class _Episode:
 
     def advance(self, command: np.ndarray, on_step: OnStep | None) -> None:
         """Carry out one command (A,)."""
-        self.positions.append(self.env.world.qpos())
+        self.positions.append(_positions(self.env))
         if on_step is not None:
             on_step(self.seed, len(self.commands), self.env)
-        self.observation, reward, self.done, _, _ = self.env.step(command)
+        self.observation, reward, terminated, truncated, info = self.env.step(command)
+        self.success |= info["is_success"]
+        self.done = terminated or truncated
         self.commands.append(command)
         self.rewards.append(reward)
 
     def rollout(self, dt: float) -> Rollout:
-        """All that was written down; an episode that ended before its time limit is a success."""
+        """All that was written down."""
         return Rollout(
             seed=self.seed,
             dt=dt,
             commands=np.stack(self.commands),
             positions=np.stack(self.positions),
             rewards=np.array(self.rewards),
-            success=self.done,
+            success=self.success,
             inferences=tuple(self.inferences),
         )
 
 
-def _make(env_config: AlohaSimEnvConfig) -> AlohaSimEnv:
-    return gym.make(env_config.gym_id, disable_env_checker=True, **env_config.gym_kwargs).unwrapped  # pyright: ignore[reportReturnType]
+def _make(env_config: EnvironmentConfig) -> gym.Env:
+    return gym.make(env_config.gym_id, disable_env_checker=True, **env_config.gym_kwargs).unwrapped
+
+
+def _positions(env: gym.Env) -> np.ndarray:
+    """In the unit of the actions: ALOHA's are joint positions, those of gymnasium-robotics are not."""
+    return env.world.qpos() if isinstance(env, AlohaSimEnv) else np.empty(0)
 
 
 def _advance(policy: LoadedPolicy, group: list[_Episode], on_step: OnStep | None) -> bool:

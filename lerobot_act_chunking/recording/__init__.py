@@ -4,9 +4,12 @@
 for any ``EpisodeSource``. ``read_summary`` tells how a dataset was recorded.
 """
 
-from lerobot_act_chunking.recording.aloha import AlohaSource, record
+from lerobot_act_chunking.recording.aloha import AlohaSource
+from lerobot_act_chunking.recording.demonstrations import record
 from lerobot_act_chunking.recording.episode import DatasetFormat, Episode, EpisodeSource
 from lerobot_act_chunking.recording.recorder import RecordingProgress, RecordResult, Target, record_source
+from lerobot_act_chunking.recording.robotics import RoboticsSource
+from lerobot_act_chunking.recording.simulated import SimulatedSource
 from lerobot_act_chunking.recording.spec import RecordSpec
 from lerobot_act_chunking.recording.summary import RecordedEpisode, RecordingSummary, read_summary
 
@@ -20,6 +23,8 @@ __all__ = [
     "RecordedEpisode",
     "RecordingProgress",
     "RecordingSummary",
+    "RoboticsSource",
+    "SimulatedSource",
     "Target",
     "read_summary",
     "record",

@@ -1,39 +1,59 @@
 """What to record, checked before anything expensive starts."""
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-from lerobot_act_chunking.envs.aloha.options import (
-    AlohaSimOptions,
-    ObservationType,
-    RenderQuality,
-    SuccessRuleName,
-    TaskName,
-)
-from lerobot_act_chunking.envs.experts import ExpertOptions
-from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.envs.aloha.options import AlohaSimOptions
+from lerobot_act_chunking.envs.demonstration import ExpertOptions
+from lerobot_act_chunking.envs.robotics.options import RoboticsOptions
+from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
+from lerobot_act_chunking.recording.aloha import AlohaSource
+from lerobot_act_chunking.recording.robotics import RoboticsSource
+from lerobot_act_chunking.recording.simulated import SimulatedSource
 
 _REPO_ID = re.compile(r"[A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*", re.ASCII)
 
 
 @dataclass(frozen=True)
+class _Kind:
+    """Demonstrations of one type of environment, and what is recorded unless something else is asked for."""
+
+    source: type[SimulatedSource]
+    options: type[Any]
+    success: str
+    velocity: str
+    """The option by which velocities are observed."""
+
+
+_KINDS: Mapping[str, _Kind] = {
+    "aloha_sim": _Kind(AlohaSource, AlohaSimOptions, success="hold", velocity="agent_vel"),
+    "gymnasium_robotics": _Kind(RoboticsSource, RoboticsOptions, success="final", velocity="velocities"),
+}
+
+
+@dataclass(frozen=True)
 class RecordSpec:
-    """A recording of ALOHA demonstrations.
+    """A recording of demonstrations.
 
     Attributes:
         repo_id: the dataset's name, user/name.
         root: the dataset's folder; by default where LeRobot looks for ``repo_id``.
-        task: transfer_cube or insertion.
+        env: LeRobot's environment type, ``aloha_sim`` or ``gymnasium_robotics``.
+        task: of the environment; by default ``transfer_cube`` or ``FetchReach-v4``.
         episodes: successful episodes to record.
-        obs: ``state`` records joints and object poses, ``pixels`` cameras, ``pixels_state`` both cameras and
-            joints.
-        velocity: also record joint velocities.
-        cameras: cameras to record, by default the one on top; none with ``obs="state"``.
+        obs: ``state`` records vectors of the robot and its surroundings, ``pixels`` cameras, ``pixels_state``
+            both cameras and the robot.
+        velocity: whether to record velocities; by default ALOHA's are not, and gymnasium-robotics' are, being
+            part of the original observation.
+        cameras: cameras to record, by default ``top`` or ``view``; none with ``obs="state"``.
         image_height: of every camera [px], even.
         image_width: of every camera [px], even.
-        render_quality: ``full`` looks like gym-aloha, ``fast`` leaves out what is slow without a GPU.
-        success: the rule an episode must meet to be recorded, ``hold`` or ``touch``.
+        render_quality: ``full`` looks like the original, ``fast`` leaves out what is slow without a GPU.
+        success: the rule an episode must meet to be recorded: ALOHA's ``hold`` (default) or ``touch``;
+            gymnasium-robotics' ``final`` (default, the whole episode) or ``any`` (up to the first success).
         seed: of the first episode; the next ones count up.
         expert: how the expert moves.
         workers: processes that play episodes; the dataset does not depend on it.
@@ -44,15 +64,16 @@ class RecordSpec:
 
     repo_id: str
     root: Path | None = None
-    task: TaskName = "transfer_cube"
+    env: str = "aloha_sim"
+    task: str | None = None
     episodes: int = 50
-    obs: ObservationType = "state"
-    velocity: bool = False
+    obs: str = "state"
+    velocity: bool | None = None
     cameras: tuple[str, ...] = ()
     image_height: int = 480
     image_width: int = 640
-    render_quality: RenderQuality = "full"
-    success: SuccessRuleName = "hold"
+    render_quality: str = "full"
+    success: str | None = None
     seed: int = 0
     expert: ExpertOptions = field(default_factory=ExpertOptions)
     workers: int = 1
@@ -62,30 +83,41 @@ class RecordSpec:
             raise ConfigurationError(
                 f"repo id {self.repo_id!r} is not of the form user/name (letters, digits, '-', '_', '.')"
             )
+        if self.env not in _KINDS:
+            raise unknown_choice("env", self.env, _KINDS)
         for name, least in (("episodes", 1), ("workers", 1), ("seed", 0)):
             if getattr(self, name) < least:
                 raise ConfigurationError(f"{name} is {getattr(self, name)}; it must be {least} or more")
         if self.obs == "state" and self.cameras:
             names = ", ".join(self.cameras)
             raise ConfigurationError(f"obs state records no cameras, got {names}; use pixels or pixels_state")
-        self.environment()
+        self.source()
         for name in ("image_height", "image_width"):
             if getattr(self, name) % 2:
                 raise ConfigurationError(f"{name} is {getattr(self, name)}; H.264 videos need even sizes")
 
-    def environment(self) -> AlohaSimOptions:
-        """The environment that shows what is recorded.
+    def source(self) -> SimulatedSource:
+        """The episodes that are recorded.
 
         Raises:
-            ConfigurationError: an unknown task, camera, rule or quality, or an impossible image size.
+            ConfigurationError: an unknown task, camera, rule or quality, an impossible image size, or what
+                the task's expert cannot do.
         """
-        return AlohaSimOptions(
-            task=self.task,
-            obs_type=self.obs,
-            cameras=list(self.cameras or ("top",)),
-            observation_height=self.image_height,
-            observation_width=self.image_width,
-            render_quality=self.render_quality,
-            success=self.success,
-            agent_vel=self.velocity,
-        )
+        kind = _KINDS[self.env]
+        return kind.source(kind.options(**self._environment(kind)), self.expert)
+
+    def _environment(self, kind: _Kind) -> dict[str, Any]:
+        asked: dict[str, Any] = {
+            "obs_type": self.obs,
+            "observation_height": self.image_height,
+            "observation_width": self.image_width,
+            "render_quality": self.render_quality,
+            "success": self.success or kind.success,
+        }
+        if self.task is not None:
+            asked["task"] = self.task
+        if self.cameras:
+            asked["cameras"] = list(self.cameras)
+        if self.velocity is not None:
+            asked[kind.velocity] = self.velocity
+        return asked

@@ -17,9 +17,9 @@ CAMERA = {"observation.images.top": PolicyFeature(FeatureType.VISUAL, (3, 48, 64
 START = torch.tensor([0.0, -0.96, 1.16, 0.0, -0.3, 0.0, 0.5] * 2)
 
 
-def make_policy(type_: str = "act_chunked", inputs=STATE, **settings) -> LoadedPolicy:
+def make_policy(type_: str = "act_chunked", inputs=STATE, start=START, **settings) -> LoadedPolicy:
     """An untrained policy that moves about the start pose."""
-    actions = {"action": PolicyFeature(FeatureType.ACTION, (JOINTS,))}
+    actions = {"action": PolicyFeature(FeatureType.ACTION, tuple(start.shape))}
     config = PreTrainedConfig.get_choice_class(type_)(
         device="cpu",
         push_to_hub=False,
@@ -39,7 +39,7 @@ def make_policy(type_: str = "act_chunked", inputs=STATE, **settings) -> LoadedP
         for key in inputs
         if key not in shapes
     }
-    stats["action"] = {"mean": START, "std": torch.full((JOINTS,), 0.05)}
+    stats["action"] = {"mean": start, "std": torch.full_like(start, 0.05)}
     return LoadedPolicy(policy, *make_pre_post_processors(config, dataset_stats=stats))
 
 

@@ -34,6 +34,20 @@ def test_the_picture_shows_commands_of_both_arms(tmp_path):
         assert (moved != still).mean() > 0.001
 
 
+def test_the_picture_shows_actions_of_robots_without_positions(tmp_path):
+    def picture(commands: np.ndarray) -> np.ndarray:
+        names = ["x", "y", "z", "gripper"]
+        none = np.zeros((9, 0))
+        motion = Motion("a test", 0.04, names, commands, none, np.zeros(9), success=False)
+        return matplotlib.image.imread(plot_motion(motion, tmp_path / "motion.png"))
+
+    still = picture(np.zeros((9, 4)))
+    for column in (1, 3):
+        commands = np.zeros((9, 4))
+        commands[:, column] = np.linspace(0, 1, 9)
+        assert (picture(commands) != still).mean() > 0.001
+
+
 @pytest.mark.parametrize("path", ["./nowhere", "a/b/c", "outputs"])
 def test_a_missing_checkpoint_is_named_before_the_hub_is_asked(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -1,11 +1,16 @@
 """Rollouts are lerobot-eval's episodes, with everything written down."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import torch
+from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.scripts.lerobot_eval import rollout as lerobot_rollout
 from small_policies import CAMERA, CHUNK, JOINTS, START, make_policy
 
-from lerobot_act_chunking.diagnostics.rollouts import environment_for, roll_out
+from lerobot_act_chunking.diagnostics.environments import environment_for
+from lerobot_act_chunking.diagnostics.rollouts import roll_out
 from lerobot_act_chunking.envs.aloha.tasks import sample_object_pose, stock_generator
 from lerobot_act_chunking.envs.configuration_envs import AlohaSimEnvConfig
 from lerobot_act_chunking.errors import ConfigurationError
@@ -53,6 +58,23 @@ def test_commands_and_rewards_are_those_of_lerobot_eval(type_, settings):
         np.testing.assert_array_equal(rollout.rewards, theirs["reward"][i])
         assert rollout.success == theirs["success"][i].any()
         assert rollout.dt == 0.02
+
+
+@pytest.mark.parametrize(("velocities", "sizes"), [(True, (10, 18)), (False, (5, 12))])
+def test_robotics_worlds_are_rolled_out_as_by_lerobot_eval(velocities, sizes):
+    inputs = {
+        "observation.state": PolicyFeature(FeatureType.STATE, sizes[:1]),
+        "observation.environment_state": PolicyFeature(FeatureType.ENV, sizes[1:]),
+    }
+    policy = make_policy(inputs=inputs, start=torch.tensor([0.5, -0.3, 0.2, 0.0]), n_action_steps=5)
+    config = environment_for(policy.policy.config, task="FetchPush-v4", success="final")
+    assert config.velocities is velocities
+    config = replace(config, episode_length=6)
+    theirs = by_lerobot(policy, config, SEEDS)
+    for i, rollout in enumerate(roll_out(policy, config, SEEDS)):
+        np.testing.assert_array_equal(rollout.commands, theirs["action"][i])
+        np.testing.assert_array_equal(rollout.rewards, theirs["reward"][i])
+        assert (rollout.positions.shape, rollout.dt) == ((6, 0), 0.04)
 
 
 def test_images_reach_the_policy_as_in_lerobot_eval():
@@ -172,9 +194,10 @@ def test_nothing_to_run_is_refused(seeds, n_envs):
 class Features:
     """The part of a policy configuration that decides which environment it needs."""
 
-    def __init__(self, images: dict[str, tuple[int, ...]], others: tuple[str, ...] = ()):
+    def __init__(self, images: dict[str, tuple[int, ...]], others: tuple[str, ...] = (), **vectors: int):
         self.image_features = {key: Shape(shape) for key, shape in images.items()}
-        self.input_features = {**self.image_features, **dict.fromkeys(others)}
+        sizes = {f"observation.{name}": Shape((size,)) for name, size in vectors.items()}
+        self.input_features = {**self.image_features, **dict.fromkeys(others), **sizes}
 
 
 class Shape:
@@ -199,6 +222,22 @@ def test_the_environment_gives_what_the_policy_was_trained_on():
     assert (seeing.obs_type, list(seeing.cameras)) == ("pixels_state", ["top", "angle"])
     assert (seeing.observation_height, seeing.observation_width) == (60, 80)
     assert environment_for(Features(images), task="transfer_cube", success="touch").obs_type == "pixels"
+
+
+@pytest.mark.parametrize(
+    ("task", "vectors", "velocities"),
+    [
+        ("FetchPush-v4", {"state": 10, "environment_state": 18}, True),
+        ("FetchPush-v4", {"state": 5, "environment_state": 12}, False),
+        ("AdroitHandHammer-v1", {"state": 29, "environment_state": 17}, True),
+        ("AdroitHandHammer-v1", {"state": 29, "environment_state": 11}, False),
+    ],
+)
+def test_robotics_worlds_show_velocities_to_policies_that_saw_them(task, vectors, velocities):
+    config = environment_for(Features({}, **vectors), task=task, success="final")
+    assert (config.task, config.success, config.velocities) == (task, "final", velocities)
+    shapes = {key: feature.shape for key, feature in config.features.items()}
+    assert shapes["environment_state"] == (vectors["environment_state"],)
 
 
 def test_cameras_of_two_sizes_are_refused():

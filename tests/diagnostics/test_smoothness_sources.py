@@ -8,7 +8,8 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.scripts.lerobot_eval import rollout as lerobot_rollout
 from small_policies import JOINTS, make_policy, save
 
-from lerobot_act_chunking.diagnostics.rollouts import environment_for, roll_out
+from lerobot_act_chunking.diagnostics.environments import environment_for
+from lerobot_act_chunking.diagnostics.rollouts import roll_out
 from lerobot_act_chunking.diagnostics.smoothness.comparison import compare, source_names
 from lerobot_act_chunking.diagnostics.smoothness.sources import (
     EvaluationSpec,

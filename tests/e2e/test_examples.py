@@ -47,7 +47,7 @@ def test_the_examples_build_on_each_other(tmp_path):
 
 
 def test_every_example_is_run_and_short():
-    scripts = sorted(EXAMPLES.glob("*.py"))
+    scripts = sorted(EXAMPLES.glob("0*.py"))  # own_environment.py has tests of its own
     text = Path(__file__).read_text()
     assert scripts
     for script in scripts:

@@ -7,7 +7,7 @@ import pytest
 from fake_source import files
 
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
-from lerobot_act_chunking.envs.experts import ExpertOptions
+from lerobot_act_chunking.envs.demonstration import ExpertOptions
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError
 from lerobot_act_chunking.recording import AlohaSource, RecordSpec, read_summary, record
 from lerobot_act_chunking.recording.episode import Episode, check_episode
@@ -16,8 +16,7 @@ TINY = {"cameras": ("top", "left_wrist"), "image_height": 32, "image_width": 48,
 
 
 def source(**options):
-    spec = RecordSpec("me/cube", **options)
-    return AlohaSource(spec.environment(), spec.expert)
+    return RecordSpec("me/cube", **options).source()
 
 
 def play(seed, **options):
@@ -163,13 +162,13 @@ def test_a_dataset_that_lerobot_loads(tmp_path):
 
 
 def test_only_successes_are_recorded(tmp_path, monkeypatch):
-    real = AlohaSource._play
+    real = AlohaSource.play
 
     def lucky(self, env, seed):
         episode = real(self, env, seed)
         return episode if seed != 1 else Episode(seed, False, {})
 
-    monkeypatch.setattr(AlohaSource, "_play", lucky)
+    monkeypatch.setattr(AlohaSource, "play", lucky)
     record(RecordSpec("me/cube", tmp_path / "data", episodes=2))
     summary = read_summary(tmp_path / "data")
     assert [entry.seed for entry in summary.episodes] == [0, 2]
@@ -177,7 +176,7 @@ def test_only_successes_are_recorded(tmp_path, monkeypatch):
 
 
 def test_an_expert_that_never_succeeds_is_an_error(tmp_path, monkeypatch):
-    monkeypatch.setattr(AlohaSource, "_play", lambda self, env, seed: Episode(seed, False, {}))
+    monkeypatch.setattr(AlohaSource, "play", lambda self, env, seed: Episode(seed, False, {}))
     message = "20 attempts in a row failed, up to seed 26; ask the expert for less noise"
     with pytest.raises(DatasetError, match=message):
         record(RecordSpec("me/cube", tmp_path / "data", episodes=1, seed=7))

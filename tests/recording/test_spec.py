@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from lerobot_act_chunking.envs.experts import ExpertOptions
+from lerobot_act_chunking.envs.demonstration import ExpertOptions
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.recording import RecordSpec
 
@@ -24,6 +24,8 @@ from lerobot_act_chunking.recording import RecordSpec
         ({"obs": "pixels", "velocity": True}, "agent_vel needs obs_type state or pixels_state"),
         ({"render_quality": "ultra"}, "unknown render_quality 'ultra'; choose one of: full, fast"),
         ({"success": "luck"}, "unknown success rule 'luck'; choose one of: touch, hold"),
+        ({"env": "lab"}, "unknown env 'lab'; choose one of: aloha_sim, gymnasium_robotics"),
+        ({"expert": ExpertOptions(speed=2.0)}, "expert option speed=2.0 is outside 0.7 .. 1.5 times the"),
         ({"episodes": 0}, "episodes is 0; it must be 1 or more"),
         ({"workers": 0}, "workers is 0; it must be 1 or more"),
         ({"seed": -1}, "seed is -1; it must be 0 or more"),
@@ -39,8 +41,46 @@ def test_what_cannot_work_is_refused_at_once(options, message):
     assert message in str(caught.value)
 
 
-def test_pixels_default_to_the_top_camera():
-    assert RecordSpec("me/cube", obs="pixels").environment().cameras == ["top"]
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (
+            {"task": "FetchPull-v4"},
+            "unknown gymnasium_robotics task 'FetchPull-v4'; choose one of: Fetch",
+        ),
+        ({"task": "transfer_cube"}, "unknown gymnasium_robotics task 'transfer_cube'"),
+        (
+            {"task": "FrankaKitchen-v1"},
+            "FrankaKitchen-v1 has no scripted expert; choose one of: Fetch",
+        ),
+        ({"success": "hold"}, "unknown success rule 'hold'; choose one of: any, final"),
+        (
+            {"obs": "pixels", "cameras": ("top",)},
+            "unknown camera 'top'; choose one of: view, head",
+        ),
+        (
+            {"expert": ExpertOptions(action_noise=0.2)},
+            "action_noise=0.2 is outside 0.0 .. 0.15 of",
+        ),
+        ({"expert": ExpertOptions(dwell=1.0)}, "dwell=1.0 is outside 0.0 .. 0.4 s"),
+    ],
+)
+def test_what_cannot_work_in_gymnasium_robotics_is_refused_at_once(options, message):
+    with pytest.raises(ConfigurationError) as caught:
+        RecordSpec(**{"repo_id": "me/push", "env": "gymnasium_robotics", "task": "FetchPush-v4", **options})
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("env", "task", "success", "camera"),
+    [
+        ("aloha_sim", "transfer_cube", "hold", "top"),
+        ("gymnasium_robotics", "FetchReach-v4", "final", "view"),
+    ],
+)
+def test_every_world_has_its_own_defaults(env, task, success, camera):
+    environment = RecordSpec("me/data", env=env, obs="pixels").source().environment
+    assert (environment.task, environment.success, environment.cameras) == (task, success, [camera])
 
 
 def test_the_environment_shows_what_is_recorded():
@@ -57,7 +97,7 @@ def test_the_environment_shows_what_is_recorded():
         success="touch",
         expert=ExpertOptions(speed=1.1),
     )
-    environment = spec.environment()
+    environment = spec.source().environment
     assert (environment.task, environment.obs_type, environment.success) == (
         "insertion",
         "pixels_state",

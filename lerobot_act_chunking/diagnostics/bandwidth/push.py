@@ -10,10 +10,11 @@ import numpy as np
 from lerobot_act_chunking.diagnostics.bandwidth.closed_form import ensemble_weights, filter_for
 from lerobot_act_chunking.diagnostics.bandwidth.filter import ROUNDING, start_up_step
 from lerobot_act_chunking.diagnostics.bandwidth.source import Source, check_positive, read_config, read_source
-from lerobot_act_chunking.diagnostics.rollouts import OnStep, Rollout, environment_for, roll_out
+from lerobot_act_chunking.diagnostics.environments import environment_for
+from lerobot_act_chunking.diagnostics.rollouts import OnStep, Rollout, roll_out
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
-from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
-from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES, TASKS
+from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields
 from lerobot_act_chunking.policies.loading import LoadedPolicy, load_policy
@@ -89,6 +90,8 @@ def study_push(
     if source.checkpoint is None:
         raise ConfigurationError("a push needs a policy to answer it: give a checkpoint before --env")
     check_positive(episodes=episodes)
+    if task not in TASKS:
+        raise unknown_choice("task to push in", task, TASKS)
     own = read_source(source.checkpoint, {}).settings
     policy = load_for_execution(source.checkpoint)
     env_config = environment_for(policy.policy.config, task=task, success="touch")

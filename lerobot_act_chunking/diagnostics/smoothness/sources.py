@@ -1,4 +1,4 @@
-"""Where episodes come from: a checkpoint that is run in ``aloha_sim``, or a dataset on disk."""
+"""Where episodes come from: a checkpoint that is run in a simulation, or a dataset on disk."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -10,8 +10,9 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.utils.constants import ACTION, OBS_STATE
 
 from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
-from lerobot_act_chunking.diagnostics.rollouts import Inference, Rollout, environment_for, roll_out
-from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES, get_task
+from lerobot_act_chunking.diagnostics.environments import check_task, environment_for
+from lerobot_act_chunking.diagnostics.rollouts import Inference, Rollout, roll_out
+from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError
 from lerobot_act_chunking.policies.loading import LoadedPolicy, load_policy
 
@@ -30,7 +31,7 @@ class EvaluationSpec:
     """
 
     task: str = "transfer_cube"
-    success: str = "touch"
+    success: str | None = None
     episodes: int = 50
     seed: int = 1000
     n_envs: int = 50
@@ -40,7 +41,7 @@ class EvaluationSpec:
             raise ConfigurationError(f"episodes={self.episodes}: smoothness needs at least 2")
         if self.n_envs < 1:
             raise ConfigurationError(f"n_envs={self.n_envs} must be at least 1")
-        get_task(self.task)
+        check_task(self.task)
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ def run_checkpoint(path: str, spec: EvaluationSpec, progress: Progress | None = 
         progress: called with the number of finished episodes.
 
     Raises:
-        ConfigurationError: no such checkpoint, or it fits no ``aloha_sim``.
+        ConfigurationError: no such checkpoint, or it fits no such environment.
     """
     policy = load_policy(path)
     env_config = environment_for(policy.policy.config, task=spec.task, success=spec.success)
@@ -89,7 +90,7 @@ def run_checkpoint(path: str, spec: EvaluationSpec, progress: Progress | None = 
     std = action_std(policy)
     return Source(
         rollouts=rollouts,
-        joint_names=JOINT_NAMES,
+        joint_names=env_config.action_names,
         action_std=_std_of(rollouts) if std is None else std,
         latency_steps=getattr(policy.policy.config, "latency_steps", 0),
     )

@@ -7,8 +7,8 @@ from typing import Protocol
 
 import numpy as np
 
+from lerobot_act_chunking.envs.aloha.experts import kinematics
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES, mjcf_path
-from lerobot_act_chunking.envs.experts import kinematics
 
 _SIDES: tuple[kinematics.Arm, kinematics.Arm] = ("left", "right")
 _MM = 1000.0

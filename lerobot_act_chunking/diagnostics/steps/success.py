@@ -4,7 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from lerobot_act_chunking.diagnostics.rollouts import environment_for, roll_out
+from lerobot_act_chunking.diagnostics.environments import environment_for
+from lerobot_act_chunking.diagnostics.rollouts import roll_out
 from lerobot_act_chunking.diagnostics.steps.grid import Cell
 from lerobot_act_chunking.diagnostics.success import SuccessRate
 from lerobot_act_chunking.policies.loading import load_policy
@@ -37,7 +38,7 @@ def success_by_steps(
     Args:
         checkpoint: a `diffusion_chunked` checkpoint.
         cells: what to sample with.
-        task: ``transfer_cube`` or ``insertion``.
+        task: of any simulated environment.
         seeds: one per episode.
         progress: called with the numbers of episodes finished and planned.
 
@@ -46,7 +47,7 @@ def success_by_steps(
     """
     policy = load_policy(checkpoint)
     config = policy.policy.config
-    env_config = environment_for(config, task=task, success="touch")
+    env_config = environment_for(config, task=task)
     found = []
     for done, cell in enumerate(cells):
         config.sampler, config.num_inference_steps = cell.sampler, cell.n_steps

@@ -7,10 +7,10 @@ import numpy as np
 from gymnasium import spaces
 
 from lerobot_act_chunking.envs.aloha.options import AlohaSimOptions
-from lerobot_act_chunking.envs.aloha.rendering import OffscreenRenderer
 from lerobot_act_chunking.envs.aloha.success import SUCCESS_RULES, make_success_rule
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES, get_task, sample_object_pose, stock_generator
 from lerobot_act_chunking.envs.aloha.world import AlohaWorld
+from lerobot_act_chunking.envs.rendering import OffscreenRenderer
 from lerobot_act_chunking.errors import unknown_choice
 
 # gym-aloha's bounds; joints overshoot their soft limits, and an object that leaves the table falls for ever.

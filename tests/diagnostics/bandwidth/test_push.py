@@ -22,7 +22,8 @@ from lerobot_act_chunking.diagnostics.bandwidth.push import (
 from lerobot_act_chunking.diagnostics.bandwidth.push_plot import plot_push
 from lerobot_act_chunking.diagnostics.bandwidth.report import analyse
 from lerobot_act_chunking.diagnostics.bandwidth.source import read_source
-from lerobot_act_chunking.diagnostics.rollouts import Inference, Rollout, environment_for
+from lerobot_act_chunking.diagnostics.environments import environment_for
+from lerobot_act_chunking.diagnostics.rollouts import Inference, Rollout
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.settings import ExecutionSettings
@@ -196,7 +197,9 @@ def test_refusals(tmp_path):
     path = checkpoint(tmp_path)
     with pytest.raises(ConfigurationError, match="give a checkpoint before --env"):
         study(None)
-    with pytest.raises(ConfigurationError, match="unknown task 'pouring'; choose one of"):
+    with pytest.raises(
+        ConfigurationError, match="unknown task to push in 'pouring'; choose one of: transfer_cube"
+    ):
         study(path, task="pouring")
     with pytest.raises(ConfigurationError, match="push_step=399 is outside the episode: 0 to 398"):
         study(path, push_step=399)

@@ -15,8 +15,8 @@ from lerobot_act_chunking.diagnostics.resolution.strides import (
     recommend,
 )
 from lerobot_act_chunking.diagnostics.steps.positions import AlohaGraspPoints, RawUnits
+from lerobot_act_chunking.envs.aloha.experts.kinematics import HOME_JOINTS
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
-from lerobot_act_chunking.envs.experts.kinematics import HOME_JOINTS
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError
 
 FPS = 50.0

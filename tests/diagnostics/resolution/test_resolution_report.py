@@ -10,8 +10,8 @@ from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes
 from lerobot_act_chunking.diagnostics.resolution.card import print_card, share
 from lerobot_act_chunking.diagnostics.resolution.plots import plot_report
 from lerobot_act_chunking.diagnostics.resolution.report import Question, diagnose
+from lerobot_act_chunking.envs.aloha.experts.kinematics import HOME_JOINTS
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
-from lerobot_act_chunking.envs.experts.kinematics import HOME_JOINTS
 from lerobot_act_chunking.errors import ConfigurationError
 
 FPS = 50.0

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from lerobot_act_chunking.diagnostics.steps.positions import AlohaGraspPoints, RawUnits, distances, is_aloha
+from lerobot_act_chunking.envs.aloha.experts import kinematics
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
 from lerobot_act_chunking.envs.aloha.world import AlohaWorld
-from lerobot_act_chunking.envs.experts import kinematics
 
 GRASP_POINT = [0.139, 0.0, 0.0]  # in the frame of the gripper link
 

@@ -8,7 +8,7 @@ from headless import run_headless
 from stock import smooth_actions
 
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
-from lerobot_act_chunking.envs.experts import ExpertOptions, plan
+from lerobot_act_chunking.envs.aloha.experts import ExpertOptions, plan
 from lerobot_act_chunking.errors import ConfigurationError, FeatureError
 
 GYM_IDS = ("aloha_sim/TransferCube-v0", "aloha_sim/Insertion-v0")

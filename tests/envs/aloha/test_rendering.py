@@ -6,7 +6,7 @@ import pytest
 from headless import run_headless
 from stock import smooth_actions, stock_images
 
-from lerobot_act_chunking.envs.aloha import rendering
+from lerobot_act_chunking.envs import rendering
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
 from lerobot_act_chunking.envs.aloha.options import CAMERAS
 from lerobot_act_chunking.envs.aloha.world import TASKS, AlohaWorld, sample_object_pose

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from stock import make_stock, place, smooth_actions
 
+from lerobot_act_chunking.envs.aloha.experts import ExpertOptions, plan
 from lerobot_act_chunking.envs.aloha.world import TASKS, AlohaWorld, sample_object_pose, stock_generator
-from lerobot_act_chunking.envs.experts import ExpertOptions, plan
 
 MOVING_SEEDS = {"transfer_cube": (1, 3, 4), "insertion": (0, 2, 3)}
 

@@ -3,6 +3,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
+from lerobot_act_chunking.envs.aloha.experts import ExpertOptions, plan
 from lerobot_act_chunking.envs.aloha.options import SuccessRuleName
 from lerobot_act_chunking.envs.aloha.rewards import CUBE, LEFT_FINGER, PEG, PIN, RIGHT_FINGER, TABLE
 from lerobot_act_chunking.envs.aloha.success import (
@@ -14,7 +15,6 @@ from lerobot_act_chunking.envs.aloha.success import (
     peg_held,
 )
 from lerobot_act_chunking.envs.aloha.world import TASKS, AlohaWorld, sample_object_pose, stock_generator
-from lerobot_act_chunking.envs.experts import ExpertOptions, plan
 from lerobot_act_chunking.errors import ConfigurationError
 
 OTHER_LEFT_FINGER = "vx300s_left/10_right_gripper_finger"

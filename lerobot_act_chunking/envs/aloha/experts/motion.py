@@ -1,14 +1,12 @@
-"""Smooth motion: minimum-jerk strokes that overlap, a clock that can linger, and correlated noise."""
+"""Smooth motion: minimum-jerk strokes that overlap, and a clock that can linger."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 
 from lerobot_act_chunking.envs.aloha.world import CONTROL_PERIOD
 
-_NOISE_CORRELATION = 0.2  # width [s] of the filter on white noise: slow enough for the arms to follow
 _PAUSE_WINDOW = 0.1  # stretch [s] of the script over which a pause is spread, so that nothing stops at once
 
 
@@ -107,12 +105,3 @@ def script_times(duration: float, pauses: Sequence[float], speed: float, dwell: 
         wall = wall + dwell * minimum_jerk((script - pause) / _PAUSE_WINDOW + 0.5)
     steps = np.arange(0.0, wall[-1] + 1e-9, CONTROL_PERIOD)
     return np.interp(steps, wall, script)
-
-
-def correlated_noise(shape: tuple[int, int], scale: float, rng: np.random.Generator) -> np.ndarray:
-    """Gaussian noise (T, D) of standard deviation ``scale``, smooth along the first axis."""
-    width = _NOISE_CORRELATION / CONTROL_PERIOD
-    # Wrapping around keeps the variance even at both ends.
-    smooth = gaussian_filter1d(rng.standard_normal(shape), width, axis=0, mode="wrap")
-    # A Gaussian filter of width w leaves white noise a variance of 1 / (2 sqrt(pi) w).
-    return scale * np.sqrt(2 * np.sqrt(np.pi) * width) * smooth

@@ -1,21 +1,22 @@
 """From a task and its objects to joint targets for a whole episode."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
-from lerobot_act_chunking.envs.aloha.tasks import get_task
-from lerobot_act_chunking.envs.experts import insertion, transfer_cube
-from lerobot_act_chunking.envs.experts.kinematics import HOME_JOINTS, Arm, forward, inverse
-from lerobot_act_chunking.envs.experts.motion import (
+from lerobot_act_chunking.envs.aloha.experts import insertion, transfer_cube
+from lerobot_act_chunking.envs.aloha.experts.kinematics import HOME_JOINTS, Arm, forward, inverse
+from lerobot_act_chunking.envs.aloha.experts.motion import (
     ArmScript,
     Script,
     blend,
-    correlated_noise,
     script_times,
     shift_free,
 )
-from lerobot_act_chunking.envs.experts.options import ExpertOptions, ExpertPlan
+from lerobot_act_chunking.envs.aloha.tasks import get_task
+from lerobot_act_chunking.envs.aloha.world import CONTROL_PERIOD
+from lerobot_act_chunking.envs.demonstration import ExpertOptions, Ranges, correlated_noise
 from lerobot_act_chunking.errors import ConfigurationError
 
 MAX_STEPS = 400
@@ -28,6 +29,28 @@ _SCRIPTS: dict[str, Callable[[np.ndarray], Script]] = {
 _HOME_GRIPPER = (0.09985,)  # gym-aloha starts with all but closed fingers
 _ARM_JOINTS = [*range(6), *range(7, 13)]
 _MAX_TURN = 0.1  # [rad]; closing fingers straighten an object that is turned less
+
+RANGES: Ranges = {
+    "speed": (0.7, 1.5, "times the nominal pace"),
+    "waypoint_noise": (0.0, 0.03, "m"),
+    "action_noise": (0.0, 0.05, "rad"),
+    "dwell": (0.0, 1.0, "s"),
+}
+"""Outside these the experts fail too often to demonstrate anything."""
+
+
+@dataclass(frozen=True)
+class ExpertPlan:
+    """A whole episode at 50 Hz, rows in the order of ``JOINT_NAMES``: arm targets [rad], grippers 0 .. 1.
+
+    Attributes:
+        actions: (T, 14) clean targets, what a dataset records as the action.
+        commands: (T, 14) what is executed: ``actions`` plus the action noise, as in DART (Laskey et al.
+            2017): the recorded action always leads back from the disturbed state.
+    """
+
+    actions: np.ndarray
+    commands: np.ndarray
 
 
 def plan(task: str, object_pose: np.ndarray, options: ExpertOptions, rng: np.random.Generator) -> ExpertPlan:
@@ -44,9 +67,10 @@ def plan(task: str, object_pose: np.ndarray, options: ExpertOptions, rng: np.ran
         The joint targets, 50 per second. Without noise they are a smooth function of ``object_pose``.
 
     Raises:
-        ConfigurationError: unknown task; a pose that is malformed, turned or out of reach; options that
-            stretch the plan beyond ``MAX_STEPS``.
+        ConfigurationError: unknown task; a pose that is malformed, turned or out of reach; options
+            outside their ranges, or that stretch the plan beyond ``MAX_STEPS``.
     """
+    options.check(RANGES)
     pose = _checked_pose(task, object_pose)
     script = _SCRIPTS[task](pose)
     times = _step_times(script, options)
@@ -95,5 +119,7 @@ def _targets(
 def _disturbed(actions: np.ndarray, scale: float, rng: np.random.Generator) -> np.ndarray:
     commands = actions.copy()
     if scale > 0:
-        commands[:, _ARM_JOINTS] += correlated_noise((len(actions), len(_ARM_JOINTS)), scale, rng)
+        commands[:, _ARM_JOINTS] += correlated_noise(
+            (len(actions), len(_ARM_JOINTS)), scale, rng, period=CONTROL_PERIOD
+        )
     return commands

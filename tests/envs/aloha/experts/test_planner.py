@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
+from lerobot_act_chunking.envs.aloha.experts import ExpertOptions, plan
+from lerobot_act_chunking.envs.aloha.experts.planner import MAX_STEPS
 from lerobot_act_chunking.envs.aloha.world import TASKS, AlohaWorld, sample_object_pose
-from lerobot_act_chunking.envs.experts import ExpertOptions, plan
-from lerobot_act_chunking.envs.experts.planner import MAX_STEPS
 from lerobot_act_chunking.errors import ConfigurationError
 
 ARMS = [*range(6), *range(7, 13)]

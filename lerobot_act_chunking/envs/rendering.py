@@ -1,6 +1,6 @@
 # pyright: reportAttributeAccessIssue=false
 # (mujoco ships no type stubs)
-"""Off-screen images of a MuJoCo model, at gym-aloha's quality or without the costliest effects."""
+"""Off-screen images of a MuJoCo model, at the original's quality or without the costliest effects."""
 
 import atexit
 import os
@@ -14,7 +14,7 @@ import numpy as np
 
 from lerobot_act_chunking.errors import ActChunkingError
 
-_MAX_GEOMS = 1000  # dm_control's scene size; the ALOHA models have some thirty geoms
+_MAX_GEOMS = 1000  # dm_control's and Gymnasium's scene size; FrankaKitchen has 240 geoms, ALOHA thirty
 _EFFECTS = [int(mujoco.mjtRndFlag.mjRND_SHADOW), int(mujoco.mjtRndFlag.mjRND_REFLECTION)]
 
 
@@ -28,7 +28,7 @@ class OffscreenRenderer:
         model: the MuJoCo model; its framebuffer settings are adapted.
         max_height: tallest image [pixels].
         max_width: widest image [pixels].
-        effects: shadows, reflections and multisampling, as in gym-aloha's images.
+        effects: shadows, reflections and multisampling, as in the original's images.
 
     Raises:
         ActChunkingError: no OpenGL on this machine.
@@ -51,11 +51,13 @@ class OffscreenRenderer:
         self._camera = mujoco.MjvCamera()
         self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
 
-    def render(self, data: Any, camera: str, height: int, width: int) -> np.ndarray:
-        """What ``camera`` sees now, uint8 (height, width, 3)."""
-        self._camera.fixedcamid = self._model.camera(camera).id
+    def render(self, data: Any, camera: Any, height: int, width: int) -> np.ndarray:
+        """What ``camera``, the model's by name or any ``MjvCamera``, sees now, uint8 (height, width, 3)."""
+        if isinstance(camera, str):
+            self._camera.fixedcamid = self._model.camera(camera).id
+            camera = self._camera
         mujoco.mjv_updateScene(
-            self._model, data, self._option, None, self._camera, mujoco.mjtCatBit.mjCAT_ALL, self._scene
+            self._model, data, self._option, None, camera, mujoco.mjtCatBit.mjCAT_ALL, self._scene
         )
         self._gl.make_current()
         viewport = mujoco.MjrRect(0, 0, width, height)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from lerobot_act_chunking.envs.aloha.experts import ExpertOptions, plan
 from lerobot_act_chunking.envs.aloha.success import make_success_rule
-from lerobot_act_chunking.envs.aloha.world import TASKS, AlohaWorld, sample_object_pose
-from lerobot_act_chunking.envs.experts import ExpertOptions, plan
-from lerobot_act_chunking.envs.experts.motion import correlated_noise
+from lerobot_act_chunking.envs.aloha.world import CONTROL_PERIOD, TASKS, AlohaWorld, sample_object_pose
+from lerobot_act_chunking.envs.demonstration import correlated_noise
 from lerobot_act_chunking.errors import ConfigurationError
 
 GRIPPERS = [6, 13]
@@ -18,7 +18,7 @@ def exactly(plan_, rng):
 
 def shaken(plan_, rng):
     commands = plan_.commands.copy()
-    noise = correlated_noise(commands.shape, 0.003, rng)
+    noise = correlated_noise(commands.shape, 0.003, rng, period=CONTROL_PERIOD)
     noise[:, GRIPPERS] = 0
     return commands + noise
 

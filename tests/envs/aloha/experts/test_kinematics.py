@@ -4,8 +4,8 @@ import mink
 import numpy as np
 import pytest
 
+from lerobot_act_chunking.envs.aloha.experts import kinematics
 from lerobot_act_chunking.envs.aloha.world import AlohaWorld
-from lerobot_act_chunking.envs.experts import kinematics
 from lerobot_act_chunking.errors import ConfigurationError
 
 _FIRST_JOINT = {"left": 0, "right": 8}  # among the coordinates of the model

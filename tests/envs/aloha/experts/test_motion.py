@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
 
-from lerobot_act_chunking.envs.experts.motion import (
+from lerobot_act_chunking.envs.aloha.experts.motion import (
     Stroke,
     blend,
-    correlated_noise,
     minimum_jerk,
     script_times,
     shift_free,
@@ -58,11 +57,3 @@ def test_a_dwell_lingers_around_its_pause_and_nowhere_else():
     assert np.all(steps > 0)
     assert np.all(np.abs(times[:-1][lingering] - 0.5) < 0.06)
     np.testing.assert_allclose(steps[times[1:] < 0.44], 0.02, atol=1e-9)
-
-
-def test_noise_has_the_asked_deviation_and_is_smooth():
-    noise = correlated_noise((20_000, 3), 0.02, np.random.default_rng(0))
-    np.testing.assert_allclose(noise.std(axis=0), 0.02, rtol=0.1)
-    np.testing.assert_allclose(noise[[0, -1]].std(), 0.02, rtol=1.0)
-    assert np.diff(noise, axis=0).std() < 0.1 * noise.std()
-    assert abs(np.corrcoef(noise.T)[0, 1]) < 0.1

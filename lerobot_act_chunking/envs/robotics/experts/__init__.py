@@ -1,0 +1,5 @@
+"""Scripted experts of the Fetch tasks: feedback laws that demonstrate for ``act-chunking record``."""
+
+from lerobot_act_chunking.envs.robotics.experts.expert import EXPERTS, RANGES, Expert
+
+__all__ = ["EXPERTS", "RANGES", "Expert"]

@@ -1,0 +1,154 @@
+"""Episodes of a scripted expert in a simulation: what every world of this package has in common."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing, contextmanager
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+
+from lerobot_act_chunking.envs.demonstration import ExpertOptions
+from lerobot_act_chunking.envs.options import ObservationOptions
+from lerobot_act_chunking.recording.episode import DatasetFormat, Episode
+from lerobot_act_chunking.recording.lossless import LosslessEncoder
+
+# The environments' observations, named and ordered as LeRobot's preprocessing names them in evaluation.
+_FEATURES = {
+    "agent_pos": "observation.state",
+    "agent_vel": "observation.agent_vel",
+    "environment_state": "observation.environment_state",
+}
+_DISTRIBUTIONS = ("lerobot_policy_act_chunking", "lerobot", "mujoco", "numpy")
+
+
+@dataclass(frozen=True)
+class World:
+    """What a dataset says of a world: its rate [Hz], instruction, robot, and the names of its numbers.
+
+    Attributes:
+        fps: control steps a second.
+        instruction: the task in words.
+        robot_type: LeRobot's free name for the robot.
+        actions: a name for each number of an action.
+        vectors: the observed vectors with a name for each of their numbers.
+    """
+
+    fps: int
+    instruction: str
+    robot_type: str
+    actions: tuple[str, ...]
+    vectors: Mapping[str, tuple[str, ...]]
+
+
+@dataclass(frozen=True)
+class Step:
+    """One control step: what was observed, the clean action for it, and the info of what followed."""
+
+    observation: dict[str, Any]
+    action: np.ndarray
+    info: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class SimulatedSource(ABC):
+    """Episodes of a scripted expert; a world adds its simulation and its expert.
+
+    Raises:
+        ConfigurationError: what this world's expert cannot do.
+    """
+
+    environment: ObservationOptions
+    expert: ExpertOptions
+
+    env_type: ClassVar[str]
+    """LeRobot's ``--env.type`` for this world."""
+    distributions: ClassVar[tuple[str, ...]]
+    """Further packages that the episodes depend on."""
+
+    @property
+    @abstractmethod
+    def world(self) -> World:
+        """What the dataset says of the world."""
+
+    @abstractmethod
+    def make_env(self) -> gym.Env:
+        """The environment, which renders nothing but what is observed."""
+
+    @abstractmethod
+    def steps(self, env: Any, seed: int) -> Iterator[Step]:
+        """Demonstrate the episode of ``seed``."""
+
+    @property
+    def format(self) -> DatasetFormat:
+        """Vectors and cameras as LeRobot features."""
+        world = self.world
+        features = {_FEATURES[name]: _numbers(names) for name, names in world.vectors.items()}
+        for camera in self._cameras():
+            features[f"observation.images.{camera}"] = {
+                "dtype": "video",
+                "shape": (self.environment.observation_height, self.environment.observation_width, 3),
+                "names": ["height", "width", "channels"],
+            }
+        features["action"] = _numbers(world.actions)
+        return DatasetFormat(world.fps, world.instruction, world.robot_type, features)
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Task, observations, success rule and expert."""
+        environment = asdict(self.environment)
+        unused = {"visualization_height", "visualization_width"}
+        if not self._cameras():
+            unused |= {"cameras", "observation_height", "observation_width", "render_quality"}
+        kept = {name: value for name, value in environment.items() if name not in unused}
+        return {"source": f"{self.env_type} expert", **kept, "expert": asdict(self.expert)}
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """Versions of the simulator, the models and this package."""
+        return {name: version(name) for name in (*_DISTRIBUTIONS, *self.distributions)}
+
+    @contextmanager
+    def open(self) -> Iterator[Callable[[int], Episode]]:
+        """Build the environment; its renderer is freed on leaving."""
+        with closing(self.make_env()) as env:
+            yield lambda seed: self.play(env, seed)
+
+    def play(self, env: Any, seed: int) -> Episode:
+        """The episode of ``seed`` in an environment of ``make_env``."""
+        vectors: dict[str, list[np.ndarray]] = {name: [] for name in self.world.vectors}
+        size = self.environment.observation_height, self.environment.observation_width
+        cameras = {camera: LosslessEncoder(*size) for camera in self._cameras()}
+        actions, info = [], {}
+        for step in self.steps(env, seed):
+            for name, rows in vectors.items():
+                rows.append(step.observation[name])
+            for camera, encoder in cameras.items():
+                encoder.append(step.observation["pixels"][camera])
+            actions.append(step.action)
+            info = step.info
+        arrays = {_FEATURES[name]: np.asarray(rows, np.float32) for name, rows in vectors.items()}
+        return Episode(
+            seed=seed,
+            success=info["is_success"],
+            arrays={**arrays, "action": np.asarray(actions, np.float32)},
+            videos={f"observation.images.{camera}": encoder.finish() for camera, encoder in cameras.items()},
+            details={
+                **{name: met for name, met in info.items() if name.startswith("success_")},
+                "expert": asdict(self.expert),
+            },
+        )
+
+    def _cameras(self) -> list[str]:
+        return [] if self.environment.obs_type == "state" else self.environment.cameras
+
+
+def noise_stream(seed: int) -> np.random.Generator:
+    """The expert's random numbers; the environment draws its own from the plain ``seed``."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
+
+
+def _numbers(names: tuple[str, ...]) -> dict[str, Any]:
+    return {"dtype": "float32", "shape": (len(names),), "names": list(names)}
