@@ -15,4 +15,4 @@ from act_variants import STUDIES, VARIANTS
 from policy_study import run_studies
 
 if __name__ == "__main__":
-    run_studies("act", __doc__, STUDIES, VARIANTS, at_most={})
+    run_studies("act", __doc__, STUDIES, VARIANTS)

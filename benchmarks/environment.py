@@ -26,8 +26,8 @@ from rich.progress import track
 from rich.table import Table
 
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
+from lerobot_act_chunking.envs.aloha.experts import ExpertOptions, plan
 from lerobot_act_chunking.envs.aloha.world import sample_object_pose, stock_generator
-from lerobot_act_chunking.envs.experts import ExpertOptions, plan
 
 STOCK = "gym-aloha (three images)"
 OURS = {

@@ -13,7 +13,7 @@ import argparse
 import json
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from rich.table import Table
 
 from lerobot_act_chunking.cli.quickstart import LOCAL_HUB, Story, run
 from lerobot_act_chunking.diagnostics.success import SuccessRate
-from lerobot_act_chunking.envs.aloha.tasks import TASKS
+from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES, TASKS
 
 FIRST_SEED = 1000  # lerobot-eval's
 CHECKPOINTS = ("004000", "000800")
@@ -136,7 +136,8 @@ def evaluate(
 ) -> Cell:
     """Run the episodes of one cell and measure them."""
     from lerobot_act_chunking.diagnostics.bandwidth.push import push_object
-    from lerobot_act_chunking.diagnostics.rollouts import environment_for, roll_out
+    from lerobot_act_chunking.diagnostics.environments import environment_for
+    from lerobot_act_chunking.diagnostics.rollouts import roll_out
 
     configure(loaded.policy, execution)
     env_config = environment_for(loaded.policy.config, task=task, success="touch")
@@ -158,12 +159,14 @@ def evaluate(
     )
 
 
-def smoothness(rollouts: list[Any], loaded: Any) -> dict[str, float | None]:
+def smoothness(
+    rollouts: list[Any], loaded: Any, names: Sequence[str] = JOINT_NAMES
+) -> dict[str, float | None]:
     """The arms' commanded motion in a few numbers."""
     from lerobot_act_chunking.diagnostics.smoothness.measuring import measure
     from lerobot_act_chunking.diagnostics.smoothness.sources import action_std
 
-    report = measure(rollouts, action_std=action_std(loaded))
+    report = measure(rollouts, action_std=action_std(loaded), joint_names=names)
     disagreement = report.disagreement
     return {
         **asdict(report.commanded.arms),

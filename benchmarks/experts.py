@@ -23,6 +23,7 @@ from rich.progress import track
 from rich.table import Table
 
 from lerobot_act_chunking.diagnostics.success import SuccessRate
+from lerobot_act_chunking.envs.aloha.experts import ExpertOptions, plan
 from lerobot_act_chunking.envs.aloha.success import SUCCESS_RULES, make_success_rule
 from lerobot_act_chunking.envs.aloha.world import (
     CONTROL_PERIOD,
@@ -31,8 +32,7 @@ from lerobot_act_chunking.envs.aloha.world import (
     sample_object_pose,
     stock_generator,
 )
-from lerobot_act_chunking.envs.experts import ExpertOptions, plan
-from lerobot_act_chunking.envs.experts.motion import correlated_noise
+from lerobot_act_chunking.envs.demonstration import correlated_noise
 
 FIRST_SEED = 1_000_000  # far from the seeds anybody records or evaluates with
 ARMS = [*range(6), *range(7, 13)]
@@ -62,7 +62,7 @@ class Outcome:
 
 def shaken(scale: float) -> Change:
     def change(commands: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        noise = correlated_noise(commands.shape, scale, rng)
+        noise = correlated_noise(commands.shape, scale, rng, period=CONTROL_PERIOD)
         noise[:, GRIPPERS] = 0
         return commands + noise
 

@@ -1,8 +1,8 @@
 """Training policies as users do, letting them act on the same episodes, and writing down what came of it.
 
-What benchmarks/act_success.py, diffusion_success.py and vqbet_success.py share. Every training and every
-evaluation is written down when it is done, so that a study can be stopped and gone on with, and several
-may run side by side.
+What benchmarks/act_success.py, diffusion_success.py, vqbet_success.py and fetch.py share. Every training
+and every evaluation is written down when it is done, so that a study can be stopped and gone on with, and
+several may run side by side.
 """
 
 import argparse
@@ -12,15 +12,16 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from execution_study import FEWEST_SUCCESSES, FIRST_SEED, smoothness
-from policy_training import Training, Variant
+from policy_training import Recording, Training, Variant
 from rich.console import Console
 from rich.table import Table
 
-from lerobot_act_chunking.cli.quickstart import Story, run
 from lerobot_act_chunking.diagnostics.success import SuccessRate
+from lerobot_act_chunking.envs.robotics.tasks import TASKS as ROBOTICS_TASKS
 from lerobot_act_chunking.errors import ActChunkingError
 
 if TYPE_CHECKING:
@@ -84,13 +85,14 @@ def evaluate(training: Training, asked: Run, episodes: int) -> Cell:
     """One cell."""
     import torch
 
-    from lerobot_act_chunking.diagnostics.rollouts import environment_for
+    from lerobot_act_chunking.diagnostics.environments import environment_for
     from lerobot_act_chunking.policies.loading import load_policy
 
     loaded = load_policy(training.checkpoints / asked.checkpoint / "pretrained_model")
     for name, value in asked.sampling.items():
         setattr(loaded.policy.config, name, value)
-    env_config = environment_for(loaded.policy.config, task=asked.task, success="touch")
+    rule = "final" if asked.task in ROBOTICS_TASKS else "touch"
+    env_config = environment_for(loaded.policy.config, task=asked.task, success=rule)
     milliseconds, calls = time_chunks(loaded, env_config)
     seeds = range(FIRST_SEED, FIRST_SEED + episodes)
     groups = [seeds[first : first + N_ENVS] for first in range(0, episodes, N_ENVS)]
@@ -103,7 +105,9 @@ def evaluate(training: Training, asked: Run, episodes: int) -> Cell:
         network_calls=calls,
         chunk_ms=milliseconds,
         threads=torch.get_num_threads(),
-        smoothness=smoothness(succeeded, loaded) if len(succeeded) >= FEWEST_SUCCESSES else {},
+        smoothness=smoothness(succeeded, loaded, env_config.action_names)
+        if len(succeeded) >= FEWEST_SUCCESSES
+        else {},
     )
 
 
@@ -185,7 +189,7 @@ class Study:
 
     Attributes:
         folder: for trainings and evaluations.
-        recordings: of benchmarks/quickstart.py; made first where they are not there yet.
+        recordings: folder of the demonstrations, which are made first where they are not there yet.
         variants: the policies, by their names in runs.
         console: to print to.
     """
@@ -203,11 +207,10 @@ class Study:
         results = Results(self.folder)
         cell = results.get(asked)
         if cell is None:
-            recording = Story(self.recordings / asked.task, asked.task)
-            if not recording.recorded():
-                run(recording.record_command(), self.console)
-            folder = results.path(asked).parent
-            training = Training(folder, self.variants[asked.variant], asked.seed, recording)
+            variant = self.variants[asked.variant]
+            recording = Recording(self.recordings, asked.task, variant.velocity)
+            recording.record(self.console)
+            training = Training(results.path(asked).parent, variant, asked.seed, recording)
             training.train(self.console)
             cell = evaluate(training, asked, episodes)
             results.add(asked, cell)
@@ -250,7 +253,10 @@ def run_studies(
     description: str,
     studies: Mapping[str, Callable[[str], Iterable[Run]]],
     variants: Mapping[str, Variant],
-    at_most: Mapping[str, int],
+    *,
+    at_most: Mapping[str, int] = MappingProxyType({}),
+    tasks: Sequence[str] = ("transfer_cube", "insertion"),
+    recordings: str = "quickstart",
 ) -> None:
     """The command line of a benchmark.
 
@@ -260,15 +266,17 @@ def run_studies(
         studies: by name, what is run for a task.
         variants: the policies, by their names in runs.
         at_most: episodes of studies that have fewer than the others.
+        tasks: to run unless others are asked for.
+        recordings: name of the benchmark whose demonstrations are learned from.
     """
     parser = argparse.ArgumentParser(
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--studies", nargs="+", choices=studies, default=list(studies))
-    parser.add_argument("--tasks", nargs="+", default=["transfer_cube", "insertion"])
+    parser.add_argument("--tasks", nargs="+", default=list(tasks))
     parser.add_argument("--episodes", type=int, default=200)
     parser.add_argument("--folder", type=Path, default=Path(f"outputs/benchmarks/{name}"))
-    parser.add_argument("--recordings", type=Path, default=Path("outputs/benchmarks/quickstart"))
+    parser.add_argument("--recordings", type=Path, default=Path("outputs/benchmarks") / recordings)
     parser.add_argument("--out", type=Path, default=Path("benchmarks/results"))
     args = parser.parse_args()
     console = Console(width=160)

@@ -15,6 +15,7 @@ from typing import Any
 from rich.console import Console
 
 from lerobot_act_chunking.cli.quickstart import Story, run
+from lerobot_act_chunking.envs.robotics.tasks import TASKS as ROBOTICS_TASKS
 
 READER = "ACT_CHUNKING_FAST_CHUNKS"
 
@@ -30,6 +31,7 @@ class Variant:
         before: a command to run first; its ``{dataset}`` and ``{folder}``, like those of ``policy``, are the
             recording's and the training's.
         fast_reader: also LeRobot's own policies learn through this package's dataset reader.
+        velocity: observe velocities, too.
     """
 
     policy: dict[str, Any]
@@ -37,6 +39,7 @@ class Variant:
     batch_size: int
     before: tuple[str, ...] = ()
     fast_reader: bool = False
+    velocity: bool = False
 
     @property
     def is_lerobot(self) -> bool:
@@ -50,13 +53,43 @@ class Variant:
 
 
 @dataclass(frozen=True)
+class Recording:
+    """Demonstrations of a task by its expert, made where they are missing: 50 of ALOHA's, 100 of others."""
+
+    folder: Path
+    task: str
+    velocity: bool = False
+
+    @property
+    def dataset(self) -> Path:
+        return self.folder / self.task / ("dataset_velocity" if self.velocity else "dataset")
+
+    @property
+    def repo_id(self) -> str:
+        return f"local/{self.task}"
+
+    def record(self, console: Console) -> None:
+        if not (self.dataset / "meta" / "info.json").exists():
+            run(self.command(), console)
+
+    def command(self) -> list[str]:
+        """What a user would type."""
+        env, episodes = ("gymnasium_robotics", 100) if self.task in ROBOTICS_TASKS else ("aloha_sim", 50)
+        return [
+            *("act-chunking", "record", "--env", env, "--task", self.task, "--episodes", str(episodes)),
+            *("--repo-id", self.repo_id, "--root", str(self.dataset), "--workers", "2"),
+            "--velocity" if self.velocity else "--no-velocity",
+        ]
+
+
+@dataclass(frozen=True)
 class Training:
     """One policy: its folder, and how it came about."""
 
     folder: Path
     variant: Variant
     seed: int
-    recording: Story
+    recording: Recording | Story
 
     @property
     def checkpoints(self) -> Path:

@@ -136,7 +136,8 @@ def run_episodes(loaded: Any, task: str, episodes: int) -> tuple[list[Any], set[
 
     All are run again with another episode in such a one's place, so that the others keep their noise.
     """
-    from lerobot_act_chunking.diagnostics.rollouts import environment_for, roll_out
+    from lerobot_act_chunking.diagnostics.environments import environment_for
+    from lerobot_act_chunking.diagnostics.rollouts import roll_out
 
     env_config = environment_for(loaded.policy.config, task=task, success="touch")
     seeds = list(range(FIRST_SEED, FIRST_SEED + episodes))
@@ -168,7 +169,8 @@ def motion(rollouts: list[Any], loaded: Any, delay: int) -> dict[str, float | No
 
 def time_chunks(loaded: Any, task: str) -> dict[str, float]:
     """Median time of one chunk for one environment [ms]; methods take turns, so all see the same load."""
-    from lerobot_act_chunking.diagnostics.rollouts import environment_for, roll_out
+    from lerobot_act_chunking.diagnostics.environments import environment_for
+    from lerobot_act_chunking.diagnostics.rollouts import roll_out
 
     times: dict[str, list[float]] = {}
     env_config = environment_for(loaded.policy.config, task=task, success="touch")

@@ -200,7 +200,8 @@ class Trials:
         return self.done[key]
 
     def make(self, task: str, pause: float, steps: int, interval: int, lookahead: int) -> Trial:
-        from lerobot_act_chunking.diagnostics.rollouts import environment_for, roll_out
+        from lerobot_act_chunking.diagnostics.environments import environment_for
+        from lerobot_act_chunking.diagnostics.rollouts import roll_out
         from lerobot_act_chunking.policies.loading import load_policy
 
         story = self.story(task, pause)

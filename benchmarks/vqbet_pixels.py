@@ -214,7 +214,7 @@ def evaluate(name: str, training: Training, episodes: int) -> Cell:
 
 def environment(config: Any) -> SeldomRenderedConfig:
     """The environment that a policy was trained in."""
-    from lerobot_act_chunking.diagnostics.rollouts import environment_for
+    from lerobot_act_chunking.diagnostics.environments import environment_for
 
     usual = environment_for(config, task=TASK, success="touch")
     return SeldomRenderedConfig(**{each.name: getattr(usual, each.name) for each in fields(usual)})

@@ -14,4 +14,4 @@ from policy_study import run_studies
 from vqbet_variants import STUDIES, VARIANTS
 
 if __name__ == "__main__":
-    run_studies("vqbet", __doc__, STUDIES, VARIANTS, at_most={})
+    run_studies("vqbet", __doc__, STUDIES, VARIANTS)

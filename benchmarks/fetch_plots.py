@@ -1,0 +1,60 @@
+"""The picture and the tables of docs/robotics.md, from what benchmarks/fetch.py wrote.
+
+    python benchmarks/fetch_plots.py
+
+reads benchmarks/results/fetch_*.json, draws docs/images/fetch_execution.png and prints the tables in
+Markdown.
+"""
+
+import json
+from pathlib import Path
+
+from execution_plots import draw_rate, markdown, save
+from fetch_variants import STUDIES, VARIANTS
+from matplotlib.figure import Figure
+from policy_study import HEADER, Cell, Run, row
+
+COLORS = {5: "tab:red", 10: "tab:orange", 20: "tab:blue", 40: "tab:green"}
+INTERVALS = (1, 2, 5, 10, 20)
+
+
+def read(study: str) -> list[Cell]:
+    path = Path(f"benchmarks/results/fetch_{study}.json")
+    return [Cell(**each) for each in json.loads(path.read_text())] if path.exists() else []
+
+
+def chunk_size(cell: Cell) -> int:
+    return VARIANTS[Run(**cell.run).variant].policy["chunk_size"]
+
+
+def draw_execution(cells: list[Cell], path: Path) -> None:
+    """Success over the interval of replanning, a line for each chunk length, a plot for each task."""
+    tasks = sorted({cell.run["task"] for cell in cells})
+    figure = Figure(figsize=(6 * len(tasks), 4.4), layout="constrained")
+    for ax, task in zip(figure.subplots(1, len(tasks), sharey=True, squeeze=False)[0], tasks, strict=True):
+        for index, (size, color) in enumerate(COLORS.items()):
+            line = [cell for cell in cells if cell.run["task"] == task and chunk_size(cell) == size]
+            shift = 1.02 ** (index - 1.5)  # so that intervals do not hide each other
+            points = [(shift * (cell.run["sampling"]["replan_interval"] or size), cell.rate) for cell in line]
+            draw_rate(ax, points, color=color, label=f"{size} steps")
+        ax.set_xscale("log")
+        ax.set_xticks(INTERVALS, [str(interval) for interval in INTERVALS])
+        ax.minorticks_off()
+        ax.set(title=f"{task}, 200 episodes", xlabel="replanning every … control steps of 40 ms")
+        ax.set(ylabel="success at the last step [%]", ylim=(-3, 103))
+        ax.grid(alpha=0.3)
+        ax.legend(title="chunk", fontsize=8, loc="lower left")
+    save(figure, path)
+
+
+def main() -> None:
+    for study in STUDIES:
+        cells = read(study)
+        print(f"\n### {study}\n")
+        print(markdown(list(HEADER), [row(cell) for cell in cells]))
+        if study == "execution" and cells:
+            draw_execution(cells, Path("docs/images/fetch_execution.png"))
+
+
+if __name__ == "__main__":
+    main()
