@@ -2,7 +2,8 @@
 
 import argparse
 
-from lerobot_act_chunking.diagnostics.rollouts import environment_for, roll_out
+from lerobot_act_chunking.diagnostics.environments import environment_for
+from lerobot_act_chunking.diagnostics.rollouts import roll_out
 from lerobot_act_chunking.diagnostics.smoothness.measuring import measure
 from lerobot_act_chunking.diagnostics.smoothness.sources import action_std
 from lerobot_act_chunking.diagnostics.success import SuccessRate
