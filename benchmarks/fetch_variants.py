@@ -93,7 +93,8 @@ def execution(task: str) -> Iterator[Run]:
 def velocities(task: str) -> Iterator[Run]:
     """The same where velocities are observed, as the originals do."""
     for variant in ("act_velocities", "diffusion_velocities"):
-        yield Run(task, variant)
+        for seed in SEEDS:
+            yield Run(task, variant, seed)
 
 
 STUDIES = {"policies": policies, "execution": execution, "velocities": velocities}
