@@ -1,4 +1,4 @@
-"""Two tiers: what the gate runs on every push, and `.ci/full`, which draws more and runs what takes minutes."""
+"""Two tiers of tests: the gate, and `.ci/full`, which draws more cases and runs what takes minutes."""
 
 import os
 

@@ -13,13 +13,16 @@ import gymnasium as gym
 import numpy as np
 import torch
 from lerobot.envs.utils import preprocess_observation
+from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor
 
 from lerobot_act_chunking.diagnostics.environments import EnvironmentConfig
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.executor import ChunkExecutor
+from lerobot_act_chunking.policies.chunked_policy import ChunkedPolicy
 from lerobot_act_chunking.policies.loading import LoadedPolicy
+from lerobot_act_chunking.policies.temporal_ensemble.modeling_temporal_ensemble import TemporalEnsemblePolicy
 
 OnStep = Callable[[int, int, Any], None]
 OnChunk = Callable[[Tensor, Tensor | None], None]
@@ -76,8 +79,9 @@ def roll_out(
 ) -> list[Rollout]:
     """Run one episode per seed, ``n_envs`` at a time.
 
-    Each group of ``n_envs`` starts with ``policy.reset()`` and keeps its batch size to the end. Results
-    depend on ``n_envs`` only as far as the network's rounding depends on the batch size.
+    Each group of ``n_envs`` starts with ``policy.reset()`` and keeps its batch size to the end. What a policy
+    of this package draws follows from its ``noise_seed`` and the episode's seed. Results depend on ``n_envs``
+    only as far as the network's rounding depends on the batch size.
 
     Args:
         policy: any LeRobot policy with its processors.
@@ -209,7 +213,7 @@ def _observed_chunks(policy: LoadedPolicy, group: list[_Episode], log_chunks: bo
             if not episode.done:
                 episode.inferences.append(Inference(len(episode.commands), plan.copy()))
 
-    policy.policy.reset()
+    reset_episodes(policy.policy, [episode.seed for episode in group])
     executor = getattr(policy.policy, "_action_queue", None)
     if isinstance(executor, ChunkExecutor):
         executor.on_chunk = lambda event: note(event.chunk, event.envs)
@@ -220,6 +224,14 @@ def _observed_chunks(policy: LoadedPolicy, group: list[_Episode], log_chunks: bo
     else:
         with _observed_predictions(policy.policy, note):
             yield
+
+
+def reset_episodes(policy: PreTrainedPolicy, seeds: Sequence[int]) -> None:
+    """Begin episodes with these seeds in the environments 0, 1, ...; LeRobot's policies do not take seeds."""
+    if isinstance(policy, ChunkedPolicy | TemporalEnsemblePolicy):
+        policy.reset(episode_seeds=seeds)
+    else:
+        policy.reset()
 
 
 def _in_environment_units(policy: LoadedPolicy, chunk: Tensor) -> np.ndarray:

@@ -18,6 +18,7 @@ from lerobot_act_chunking.hub.card import extend_card
 from lerobot_act_chunking.nn.ema import WeightAverage
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
 from lerobot_act_chunking.policies.statistics import check_finite
+from lerobot_act_chunking.sampling.episodes import Episodes
 
 FUSED_ADAMW_DEVICES = ("cpu", "cuda", "mps")
 
@@ -73,6 +74,7 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](PreTrainedPolic
             else None
         )
         self.register_load_state_dict_post_hook(_adopt_average)
+        self._episodes = Episodes()
         self.reset()
 
     @abstractmethod
@@ -140,8 +142,24 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](PreTrainedPolic
         """What the window keeps of the current observation (B, ...); a policy may keep features of images."""
         return observation
 
-    def reset(self, envs: Sequence[int] | Tensor | None = None) -> None:
-        """Forget all observations and chunks: a new rollout begins, in all environments or in these alone."""
+    def reset(
+        self, envs: Sequence[int] | Tensor | None = None, *, episode_seeds: Sequence[int] | None = None
+    ) -> None:
+        """Forget all observations and chunks: a new episode begins, in all environments or in these alone.
+
+        What a policy draws while acting follows from ``noise_seed``, the environment and how many episodes
+        it has had. If the episodes' own seeds are given, it follows from ``noise_seed`` and these alone:
+        results then do not depend on how many environments run together.
+
+        Args:
+            envs: indices, or a mask over all environments; None for all.
+            episode_seeds: one for each of ``envs``, or for the environments 0, 1, ...
+
+        Raises:
+            ValueError: not one seed for each environment, or a negative one.
+        """
+        chosen = None if envs is None else indices(envs).tolist()
+        self._episodes.begin(chosen, episode_seeds)
         if envs is None:  # anew, because evaluation may have changed the settings since
             # LeRobot and its tools look for a queue under this name to learn when the next inference is due.
             self._action_queue = ChunkExecutor(self.config.execution_settings)
@@ -150,6 +168,11 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](PreTrainedPolic
             envs = indices(envs)
             self._action_queue.reset(envs)
             self._window.reset(envs)
+        self._reset_draws(chosen)
+
+    @abstractmethod
+    def _reset_draws(self, envs: list[int] | None) -> None:
+        """Go to the start of these environments' episodes in everything that is drawn; None for all."""
 
     def _fresh_window(self) -> ObservationWindow:
         return ObservationWindow(self.config.n_obs_steps, self.config.timing.obs_stride)

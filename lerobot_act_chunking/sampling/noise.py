@@ -2,12 +2,11 @@
 
 from collections.abc import Sequence
 
-import numpy as np
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Float
 from torch import Tensor
 
-Environments = Int64[Tensor, " n"] | Sequence[int] | None  # indices; None: all of them
+from lerobot_act_chunking.sampling.episodes import Environments, Episodes
 
 
 class NoiseSource:
@@ -16,15 +15,20 @@ class NoiseSource:
     Generators run on the CPU: the noise is the same on every device.
 
     Args:
-        seed: together with an environment's index it decides all of that environment's noise.
+        seed: together with an environment's episode it decides all of that episode's noise.
+        episodes: which episode each environment is in; by default the first. Sources that share one are
+            reset together, after its ``begin``.
+        stream: sources with different numbers are independent of each other.
     """
 
-    def __init__(self, seed: int):
+    def __init__(self, seed: int, episodes: Episodes | None = None, stream: int = 0):
         self.seed = seed
+        self.episodes = episodes or Episodes()
+        self.stream = stream
         self._generators: dict[int, torch.Generator] = {}
 
     def reset(self, envs: Environments = None) -> None:
-        """Begin these environments' noise anew; all: equal to a fresh source."""
+        """Go to the start of the stream of the episode that these environments are in."""
         for env in list(self._generators) if envs is None else envs:
             self._generators.pop(int(env), None)
 
@@ -53,8 +57,7 @@ class NoiseSource:
 
     def _generator(self, env: int) -> torch.Generator:
         if env not in self._generators:
-            mixed = np.random.SeedSequence((self.seed, env)).generate_state(1, np.uint64)
-            self._generators[env] = torch.Generator().manual_seed(int(mixed[0]))
+            self._generators[env] = self.episodes.generator(self.seed, env, self.stream)
         return self._generators[env]
 
 

@@ -14,9 +14,13 @@ def make(request):
     return request.param
 
 
-def test_answers_zero_at_first(make):
-    out = answer(make(), draw(B, T, A), torch.rand(B), condition())
-    assert torch.equal(out, torch.zeros(B, T, A))
+def test_a_new_network_answers_nearly_zero_and_sees_its_input(make):
+    denoiser = make()
+    out, other = (
+        answer(denoiser, x, torch.rand(B), condition()) for x in (draw(B, T, A), draw(B, T, A, seed=1))
+    )
+    assert 0 < out.abs().max() < 0.05
+    assert not torch.equal(out, other)
 
 
 def test_blocks_are_the_identity_at_first(make):

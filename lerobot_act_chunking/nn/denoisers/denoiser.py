@@ -8,6 +8,9 @@ from torch import Tensor, nn
 
 from lerobot_act_chunking.nn.condition import Condition
 
+OUTPUT_STD = 1e-3
+"""Of a new network's last weights: its answers are nearly zero, but its samples differ with their noise."""
+
 
 @dataclass(frozen=True)
 class Context:

@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.nn.condition import Condition
-from lerobot_act_chunking.nn.denoisers.denoiser import Context, Denoiser
+from lerobot_act_chunking.nn.denoisers.denoiser import OUTPUT_STD, Context, Denoiser
 from lerobot_act_chunking.nn.denoisers.mixer import modulated
 from lerobot_act_chunking.nn.dropout import Dropout
 
@@ -66,8 +66,9 @@ class Dit(Denoiser):
         self.time_modulation = nn.Linear(dim, sum(self.widths), bias=False)
         self.blocks = nn.ModuleList(DitBlock(dim, n_heads, dropout) for _ in range(n_layers))
         self.contract = nn.Linear(dim, patch_size * action_dim)
-        for part in (self.observation_modulation, self.time_modulation, self.contract):
+        for part in (self.observation_modulation, self.time_modulation):
             nn.init.zeros_(part.weight)
+        nn.init.normal_(self.contract.weight, std=OUTPUT_STD)
         nn.init.zeros_(self.observation_modulation.bias)
         nn.init.zeros_(self.contract.bias)
 

@@ -7,9 +7,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from lerobot_act_chunking.sampling.noise import Environments, NoiseSource
+from lerobot_act_chunking.sampling.episodes import Environments, Episodes
+from lerobot_act_chunking.sampling.noise import NoiseSource
 
-OF_CHOICES = 2**32  # apart from the seeds of latents, so that neither changes the other
+LATENTS, CHOICES = 0, 1  # independent streams: neither changes the other
 
 
 class Draws(NamedTuple):
@@ -35,23 +36,31 @@ class ActingDraws:
     A latent may be held: chunks that follow each other then carry on with the same way of acting.
 
     Args:
-        seed: together with an environment's index it decides all of that environment's numbers.
+        seed: together with an environment's episode it decides all of that episode's numbers.
         n_noise: numbers that make a latent; None if none is sampled.
         draws_shape: numbers by which the head samples a chunk; None if it does not sample.
         hold_steps: control steps for which a latent is held: 0 for a new one with every chunk,
             ``math.inf`` to the end of the episode.
+        episodes: which episode each environment is in; by default the first.
     """
 
     def __init__(
-        self, seed: int, *, n_noise: int | None, draws_shape: Sequence[int] | None, hold_steps: float
+        self,
+        seed: int,
+        *,
+        n_noise: int | None,
+        draws_shape: Sequence[int] | None,
+        hold_steps: float,
+        episodes: Episodes | None = None,
     ):
         self.n_noise, self.draws_shape, self.hold_steps = n_noise, draws_shape, hold_steps
-        self._latents = NoiseSource(seed)
-        self._choices = NoiseSource(seed + OF_CHOICES)
+        episodes = episodes or Episodes()
+        self._latents = NoiseSource(seed, episodes, LATENTS)
+        self._choices = NoiseSource(seed, episodes, CHOICES)
         self._held: dict[int, tuple[Tensor, float]] = {}  # latent noise (N, L), step up to which it is held
 
     def reset(self, envs: Environments = None) -> None:
-        """A new episode begins in these environments; all: equal to a fresh one."""
+        """Forget what is held and go to the start of these environments' episodes."""
         self._latents.reset(envs)
         self._choices.reset(envs)
         for env in list(self._held) if envs is None else envs:

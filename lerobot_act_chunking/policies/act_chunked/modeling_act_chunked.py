@@ -1,7 +1,6 @@
 """The `act_chunked` policy: ACT's wiring of the package's blocks into LeRobot's contract."""
 
 import math
-from collections.abc import Sequence
 from typing import Any, Literal
 
 import torch
@@ -22,7 +21,7 @@ from lerobot_act_chunking.policies.act_chunked.draws import ActingDraws, Draws
 from lerobot_act_chunking.policies.act_chunked.network import ActNetwork, Lesson
 from lerobot_act_chunking.policies.act_chunked.style_lesson import StyleLesson
 from lerobot_act_chunking.policies.batch_seeds import BatchSeeds
-from lerobot_act_chunking.policies.chunked_policy import Batch, ChunkedPolicy, indices, not_finite
+from lerobot_act_chunking.policies.chunked_policy import Batch, ChunkedPolicy, not_finite
 
 
 class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
@@ -206,9 +205,7 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
         seen = self._network.observation_encoder.look(observation.images)
         return Observation(vectors=observation.vectors | seen, images={})
 
-    def reset(self, envs: Sequence[int] | Tensor | None = None) -> None:
-        """Forget observations and chunks and draw anew: a new rollout, everywhere or in these."""
-        super().reset(envs)
+    def _reset_draws(self, envs: list[int] | None) -> None:
         if envs is None:
             config = self.config
             latent = self.model.latent if config.use_vae and config.z_inference == "sample" else None
@@ -217,11 +214,12 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
                 n_noise=None if latent is None else latent.n_noise,
                 draws_shape=self.model.head.draws_shape or None,
                 hold_steps=config.hold_steps,
+                episodes=self._episodes,
             )
             every_frame = 1 < config.n_obs_steps >= config.execution_settings.replan_interval
             self._sees_at_once = bool(self.feature_spec.images) and every_frame
         else:
-            self._draws.reset(indices(envs).tolist())
+            self._draws.reset(envs)
 
     def _get_default_peft_targets(self) -> dict[str, Any]:
         """Adapt all attention projections and feed-forward layers of the encoder and decoder."""

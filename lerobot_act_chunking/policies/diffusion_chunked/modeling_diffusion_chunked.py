@@ -1,7 +1,6 @@
 """The `diffusion_chunked` policy: denoising in LeRobot's contract."""
 
 import math
-from collections.abc import Sequence
 from typing import Any, Literal
 
 import torch
@@ -13,7 +12,7 @@ from lerobot_act_chunking.data.masking import hold_padding, per_sample_error
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.interpolation import upsample
 from lerobot_act_chunking.execution.timeline import Environments
-from lerobot_act_chunking.policies.chunked_policy import Batch, ChunkedPolicy, indices, not_finite
+from lerobot_act_chunking.policies.chunked_policy import Batch, ChunkedPolicy, not_finite
 from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked import (
     DiffusionChunkedConfig,
 )
@@ -231,16 +230,14 @@ class DiffusionChunkedPolicy(ChunkedPolicy[DiffusionChunkedConfig, DiffusionNetw
         """A weight, for its device and precision."""
         return next(self.model.parameters())
 
-    def reset(self, envs: Sequence[int] | Tensor | None = None) -> None:
-        """Forget observations and chunks and begin the noise anew: a new rollout, everywhere or in these."""
-        super().reset(envs)
+    def _reset_draws(self, envs: list[int] | None) -> None:
         if envs is None:
-            self._noise = NoiseSource(self.config.noise_seed)
+            self._noise = NoiseSource(self.config.noise_seed, self._episodes)
             self._held_noise = NoiseHold(self._noise)
             self._samplers = ConfiguredSamplers(self.config, self.process)
         else:
-            self._noise.reset(indices(envs).tolist())
-            self._held_noise.reset(indices(envs).tolist())
+            self._noise.reset(envs)
+            self._held_noise.reset(envs)
 
     def supports_rtc(self) -> bool:
         """Real-time chunking works: `predict_action_chunk` continues the chunk in execution."""

@@ -15,7 +15,7 @@ from lerobot_act_chunking.execution.executor import ChunkExecutor
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.heads.action_head import at_least_single
 from lerobot_act_chunking.hub.card import extend_card
-from lerobot_act_chunking.policies.chunked_policy import ChunkedPolicy
+from lerobot_act_chunking.policies.chunked_policy import ChunkedPolicy, indices
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
     TemporalEnsembleConfig,
 )
@@ -128,18 +128,28 @@ class TemporalEnsemblePolicy(PreTrainedPolicy):
         observations = self._observations.for_prediction(batch, envs, n_samples)
         return at_least_single(self.inner.predict_action_chunk(observations, **kwargs))
 
-    def reset(self, envs: Sequence[int] | Tensor | None = None) -> None:
-        """Forget all chunks and observations: a new rollout begins, in all environments or in these alone."""
+    def reset(
+        self, envs: Sequence[int] | Tensor | None = None, *, episode_seeds: Sequence[int] | None = None
+    ) -> None:
+        """Forget all chunks and observations: a new episode begins, in all environments or in these alone.
+
+        Args:
+            envs: indices, or a mask over all environments; None for all.
+            episode_seeds: one for each of ``envs``, or for the environments 0, 1, ...; an inner policy of
+                this package draws by them, see `ChunkedPolicy.reset`.
+        """
         if envs is None:
-            self.inner.reset()
             self._observations.reset()
             # LeRobot and its tools look for a queue under this name to learn when the next inference is due.
             self._action_queue = ChunkExecutor(self.config.execution_settings)
         else:
-            self._observations.reset(torch.as_tensor(envs, dtype=torch.int64))
+            envs = indices(envs)
+            self._observations.reset(envs)
             self._action_queue.reset(envs)
-            if isinstance(self.inner, ChunkedPolicy):
-                self.inner.reset(envs)
+        if isinstance(self.inner, ChunkedPolicy):
+            self.inner.reset(envs, episode_seeds=episode_seeds)
+        elif envs is None:
+            self.inner.reset()
 
     @property
     def _takes_rtc_arguments(self) -> bool:

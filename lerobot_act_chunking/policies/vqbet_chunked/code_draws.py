@@ -4,27 +4,29 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from lerobot_act_chunking.sampling.noise import Environments, NoiseSource
+from lerobot_act_chunking.sampling.episodes import Environments, Episodes
+from lerobot_act_chunking.sampling.noise import NoiseSource
 
 
 class CodeDraws:
     """One uniform number for each code of a chunk, from one generator per environment.
 
     Args:
-        seed: together with an environment's index it decides all of that environment's numbers.
+        seed: together with an environment's episode it decides all of that episode's numbers.
         n_codes: G, codes of a chunk.
         held: draw once an episode. The same numbers then pick the codes of all of its chunks: as long as the
             policy sees the same choice, it chooses alike.
+        episodes: which episode each environment is in; by default the first.
     """
 
-    def __init__(self, seed: int, n_codes: int, *, held: bool):
+    def __init__(self, seed: int, n_codes: int, *, held: bool, episodes: Episodes | None = None):
         self.n_codes = n_codes
         self.held = held
-        self._source = NoiseSource(seed)
+        self._source = NoiseSource(seed, episodes)
         self._kept: dict[int, Float[Tensor, "N G"]] = {}
 
     def reset(self, envs: Environments = None) -> None:
-        """A new episode begins in these environments; all: equal to a fresh one."""
+        """Forget what is held and go to the start of these environments' episodes."""
         self._source.reset(envs)
         for env in list(self._kept) if envs is None else envs:
             self._kept.pop(int(env), None)

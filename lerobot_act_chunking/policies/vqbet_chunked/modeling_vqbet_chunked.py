@@ -2,7 +2,6 @@
 
 import logging
 import math
-from collections.abc import Sequence
 from typing import Any, Literal
 
 import torch
@@ -14,7 +13,7 @@ from lerobot_act_chunking.data.masking import hold_padding, per_sample_error
 from lerobot_act_chunking.execution.interpolation import upsample
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.heads.codes import focal_loss
-from lerobot_act_chunking.policies.chunked_policy import Batch, ChunkedPolicy, indices, not_finite
+from lerobot_act_chunking.policies.chunked_policy import Batch, ChunkedPolicy, not_finite
 from lerobot_act_chunking.policies.vqbet_chunked.code_draws import CodeDraws
 from lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked import VqbetChunkedConfig
 from lerobot_act_chunking.policies.vqbet_chunked.network import VqbetNetwork, build_network
@@ -255,16 +254,16 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
         features = {key: value[:, 0] for key, value in seen.items()}
         return Observation(vectors=observation.vectors | features, images={})
 
-    def reset(self, envs: Sequence[int] | Tensor | None = None) -> None:
-        """Forget observations and chunks and draw anew: a new rollout, everywhere or in these."""
-        super().reset(envs)
+    def _reset_draws(self, envs: list[int] | None) -> None:
         if envs is None:
             config = self.config
             held = config.code_hold == "episode"
-            self._draws = CodeDraws(config.noise_seed, self.tokenizer.n_codes, held=held)
+            self._draws = CodeDraws(
+                config.noise_seed, self.tokenizer.n_codes, held=held, episodes=self._episodes
+            )
             self._sees_at_once = 1 < config.n_obs_steps >= config.execution_settings.replan_interval
         else:
-            self._draws.reset(indices(envs).tolist())
+            self._draws.reset(envs)
 
     def _get_default_peft_targets(self) -> dict[str, Any]:
         """Adapt the linear layers inside the GPT; train the heads."""
