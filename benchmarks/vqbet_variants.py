@@ -19,7 +19,7 @@ def ours(before: tuple[str, ...] = (), **changes: Any) -> Variant:
 
 
 TRAIN_TOKENIZER = (
-    *("act-chunking", "train-tokenizer", "{dataset}", "--output", "{folder}/tokenizer.safetensors"),
+    *("act-chunking", "train-tokenizer", "{dataset}", "--out", "{folder}/tokenizer.safetensors"),
     *("--steps", "500", "--batch-size", str(RECIPE["batch_size"])),
     *("--chunk-size", str(POLICY["chunk_size"]), "--chunk-stride", str(POLICY["chunk_stride"])),
 )

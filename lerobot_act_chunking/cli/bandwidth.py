@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
+from lerobot_act_chunking.cli.options import Picture
+
 if TYPE_CHECKING:
     from lerobot_act_chunking.diagnostics.bandwidth.push import PushStudy
     from lerobot_act_chunking.diagnostics.bandwidth.source import Source
@@ -61,11 +63,11 @@ def bandwidth_command(
     episodes: Annotated[int, typer.Option(help="Episodes with and without a push.")] = 10,
     seed: Annotated[int, typer.Option(help="Seed of the first episode.")] = 1000,
     json: Annotated[Path | None, typer.Option(help="Write every number to this file.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Draw a PNG.")] = None,
+    out: Picture = None,
 ) -> None:
     """How fast the executed command follows what the plan did not foresee, in closed form and measured.
 
-    Exit status: 0 within the limits given (or none given), 1 beyond them, 2 cannot be judged.
+    Exit status: 0 within the limits given (or none given), 11 beyond them, 10 cannot be judged.
     """
     from lerobot_act_chunking.diagnostics.bandwidth.advice import Limits
     from lerobot_act_chunking.diagnostics.bandwidth.card import print_card

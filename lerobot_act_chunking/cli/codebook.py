@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
+from lerobot_act_chunking.cli.options import Picture
+
 if TYPE_CHECKING:
     from lerobot_act_chunking.diagnostics.codebook.verdict import Thresholds
 
@@ -38,11 +40,12 @@ def codebook_command(
     steps: Annotated[int, typer.Option(help="Training steps for those that learn. (DATASET)")] = 1000,
     seed: Annotated[int, typer.Option(help="Of all that is random.")] = 0,
     json: Annotated[Path | None, typer.Option(help="Write every number to this file.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Draw a PNG.")] = None,
+    out: Picture = None,
 ) -> None:
     """What a tokenizer's codes are used for and what they lose; or which tokenizer suits a dataset.
 
-    Only actions are read, never images. Exit status: 0 fine or to be looked at, 1 failed, 2 cannot be judged.
+    Only actions are read, never images. Exit status: 0 fine or to be looked at, 11 failed, 10 cannot be
+    judged.
     """
     from lerobot_act_chunking.diagnostics.codebook.subject import is_dataset
     from lerobot_act_chunking.diagnostics.codebook.verdict import Thresholds

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lerobot_act_chunking.cli.options import OUT, Picture
+
 if TYPE_CHECKING:
     from lerobot_act_chunking.diagnostics.latent.report import LatentReport
     from lerobot_act_chunking.diagnostics.latent.samples import Samples
@@ -20,7 +22,6 @@ MostSamples = Annotated[
 ]
 Seed = Annotated[int, typer.Option(help="Of all that is random.")]
 Json = Annotated[Path | None, typer.Option(help="Write every number to this file.")]
-Out = Annotated[Path | None, typer.Option(help="Draw a PNG.")]
 
 
 def latent_command(
@@ -29,11 +30,11 @@ def latent_command(
     samples: MostSamples = 4000,
     seed: Seed = 0,
     json: Json = None,
-    out: Out = None,
+    out: Picture = None,
 ) -> None:
     """Posterior collapse, prior hole, or healthy? What the latent of a policy says, and what acting samples.
 
-    Exit status: 0 healthy or to be looked at, 1 failed: acting samples what was not demonstrated.
+    Exit status: 0 healthy or to be looked at, 11 failed: acting samples what was not demonstrated.
     """
     from lerobot_act_chunking.diagnostics.latent.report import diagnose
     from lerobot_act_chunking.diagnostics.latent.verdict import Thresholds
@@ -47,32 +48,32 @@ def latent_command(
 def fit_prior_command(
     checkpoint: Checkpoint,
     dataset: Dataset,
-    output: Annotated[Path, typer.Option(help="Checkpoint folder to write; must not exist.")],
+    out: Annotated[Path, typer.Option(*OUT, help="Checkpoint folder to write; must not exist.")],
     component_weights: Annotated[
         str, typer.Option(help="empirical: styles as often as demonstrated; uniform: all equally often.")
     ] = "empirical",
     samples: MostSamples = 4000,
     seed: Seed = 0,
     json: Json = None,
-    out: Out = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw a PNG.")] = None,
 ) -> None:
     """Fit the prior of a gaussian latent to the demonstrations, without training, and act by sampling it.
 
     The new checkpoint has the same weights; the given one is not touched. Exit status: 0 the fitted density
-    samples what was demonstrated, 1 it does not.
+    samples what was demonstrated, 11 it does not.
     """
     from lerobot_act_chunking.diagnostics.latent.report import diagnose
     from lerobot_act_chunking.diagnostics.latent.saving import sample_when_acting, save_with_density
     from lerobot_act_chunking.diagnostics.latent.verdict import Thresholds
     from lerobot_act_chunking.policies.saving import check_absent
 
-    check_absent(output)
+    check_absent(out)
     subject, read = _read(checkpoint, dataset, samples)
     sample_when_acting(subject, component_weights)
     report = diagnose(subject, read, Thresholds(), refit=True, seed=seed)
     assert report.density is not None  # noqa: S101  (only codes have none, and those have been refused)
-    save_with_density(subject, report.density, output)
-    _show(report, json, out, [f"checkpoint: {output}"])
+    save_with_density(subject, report.density, out)
+    _show(report, json, plot, [f"checkpoint: {out}"])
     raise typer.Exit(report.exit_code)
 
 
@@ -87,7 +88,7 @@ def _read(checkpoint: str, dataset: str, samples: int) -> "tuple[Subject, Sample
     return subject, read_samples(dataset, subject.config, samples)
 
 
-def _show(report: "LatentReport", json: Path | None, out: Path | None, written: list[str]) -> None:
+def _show(report: "LatentReport", json: Path | None, picture: Path | None, written: list[str]) -> None:
     """Files before the terminal, which a closed pipe may end."""
     from rich.console import Console
 
@@ -96,8 +97,8 @@ def _show(report: "LatentReport", json: Path | None, out: Path | None, written: 
 
     if json is not None:
         written.append(f"numbers: {report.write_json(json)}")
-    if out is not None:
-        written.append(f"picture: {plot_report(report, out)}")
+    if picture is not None:
+        written.append(f"picture: {plot_report(report, picture)}")
     console = Console()
     print_card(report, console)
     for line in written:

@@ -64,7 +64,8 @@ def verify(
     kind: Kind = "model",
     folder: Folder = None,
 ) -> None:
-    """Compare every file with its checksum; exit code 1 if something is damaged."""
+    """Compare every file with its checksum; exit status 11 if something is damaged."""
+    from lerobot_act_chunking.diagnostics.outcome import EXIT_CODES
     from lerobot_act_chunking.hub.verifying import verify
 
     hub = _hub(folder)
@@ -76,7 +77,7 @@ def verify(
     for report in reports:
         _print_report(report)
     if any(report.problems for report in reports):
-        raise typer.Exit(1)
+        raise typer.Exit(EXIT_CODES["fail"])
 
 
 @app.command()

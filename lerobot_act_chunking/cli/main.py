@@ -23,11 +23,17 @@ from lerobot_act_chunking.cli.train_tokenizer import train_tokenizer_command
 from lerobot_act_chunking.cli.wrap import wrap_command
 from lerobot_act_chunking.errors import ActChunkingError
 
+REFUSED = 1
 STOPPED = 130  # what shells report after Ctrl-C
+EXIT_STATUS = (
+    "Exit status: 0 done, or a verdict that is no failure; 1 refused, with the reason; 2 wrong usage; "
+    "10 a verdict of inconclusive; 11 of fail; 130 stopped by Ctrl-C."
+)
 
 app = typer.Typer(
     name="act-chunking",
     help="Action-chunking policies for LeRobot: demonstrations, training, chunk execution, diagnosis.",
+    epilog=EXIT_STATUS,
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -50,13 +56,13 @@ app.add_typer(hub.app, name="hub")
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run the command line; returns the exit status (0 done, 1 refused, 2 usage, 130 stopped by Ctrl-C)."""
+    """Run the command line; returns the exit status, as `EXIT_STATUS` lists them."""
     console = Console(stderr=True)
     try:
         status = app(args=argv, prog_name="act-chunking", standalone_mode=False)
     except ActChunkingError as error:
         console.print(f"[red]error:[/] {error}", highlight=False, soft_wrap=True)
-        return 1
+        return REFUSED
     except (KeyboardInterrupt, typer.Abort):
         status = STOPPED
     except Exception as error:

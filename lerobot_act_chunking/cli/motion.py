@@ -6,6 +6,8 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from lerobot_act_chunking.cli.options import OUT
+
 
 def motion_command(
     policy_path: Annotated[str, typer.Argument(help="Checkpoint folder (…/pretrained_model) or repo id.")],
@@ -20,7 +22,7 @@ def motion_command(
             "first]"
         ),
     ] = None,
-    out: Annotated[Path, typer.Option(help="The PNG to write.")] = Path("motion.png"),
+    out: Annotated[Path, typer.Option(*OUT, help="The PNG to write.")] = Path("motion.png"),
 ) -> None:
     """Run one episode of a checkpoint and draw frames, actions, grippers and reward."""
     from lerobot_act_chunking.diagnostics.motion import plot_motion, record_motion

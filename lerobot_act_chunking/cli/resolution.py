@@ -6,6 +6,8 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from lerobot_act_chunking.cli.options import Picture
+
 
 def resolution_command(
     dataset: Annotated[str, typer.Argument(help="A LeRobotDataset's folder.")],
@@ -28,12 +30,12 @@ def resolution_command(
         str | None, typer.Option(help="Dimensions that the policy holds between predictions, such as 6,13.")
     ] = None,
     json: Annotated[Path | None, typer.Option(help="Write every number to this file.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Draw a PNG.")] = None,
+    out: Picture = None,
 ) -> None:
     """What demonstrations lose when only every n-th action is predicted and the others are interpolated.
 
-    Only actions are read, never images. Exit status: 0 fine or to be looked at, 1 too coarse, 2 cannot be
-    judged.
+    Only actions are read, never images. Exit status: 0 fine or to be looked at, 11 too coarse, 10 cannot
+    be judged.
     """
     from lerobot_act_chunking.diagnostics.codebook.subject import is_dataset, read_episodes
     from lerobot_act_chunking.diagnostics.resolution.card import print_card

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from lerobot_act_chunking.cli.options import OUT
+
 
 def smoothness_command(
     sources: Annotated[
@@ -31,7 +33,7 @@ def smoothness_command(
     json_file: Annotated[
         Path | None, typer.Option("--json", help="Write all numbers, per joint too, here.")
     ] = None,
-    plot: Annotated[Path | None, typer.Option(help="Write a picture (PNG) here.")] = None,
+    out: Annotated[Path | None, typer.Option(*OUT, "--plot", help="Draw a PNG.")] = None,
 ) -> None:
     """Measure smoothness: jerk, spectra, jumps at chunk boundaries, chunk disagreement, tracking lag.
 
@@ -65,8 +67,8 @@ def smoothness_command(
         json_file.parent.mkdir(parents=True, exist_ok=True)
         json_file.write_text(to_json(reports, {**asdict(spec), "replan_interval": replan_interval}))
         written.append(f"numbers: {json_file}")
-    if plot is not None:
-        written.append(f"picture: {plot_reports(reports, plot)}")
+    if out is not None:
+        written.append(f"picture: {plot_reports(reports, out)}")
     console.print(motion_table(reports), chunk_table(reports))
     for line in written:
         console.print(line, soft_wrap=True)

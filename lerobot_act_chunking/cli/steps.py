@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
+from lerobot_act_chunking.cli.options import Picture
+
 if TYPE_CHECKING:
     from lerobot_act_chunking.diagnostics.steps.report import Request, StepsReport
 
@@ -35,11 +37,11 @@ def steps_command(
     ] = None,
     success_seeds: Annotated[int, typer.Option(min=1, help="Episodes per number of steps.")] = 50,
     json: Annotated[Path | None, typer.Option(help="Write every number to this file.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Draw a PNG.")] = None,
+    out: Picture = None,
 ) -> None:
     """How far few denoising steps are from many, in millimetres, and whether the model is the limit instead.
 
-    Exit status: 0 the policy's steps are enough, 1 they or the model are not, 2 cannot be judged.
+    Exit status: 0 the policy's steps are enough, 11 they or the model are not, 10 cannot be judged.
     """
     from lerobot_act_chunking.diagnostics.steps.card import print_card
     from lerobot_act_chunking.diagnostics.steps.report import Request

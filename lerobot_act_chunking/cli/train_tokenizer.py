@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
+from lerobot_act_chunking.cli.options import OUT
+
 if TYPE_CHECKING:
     from lerobot_act_chunking.policies.vqbet_chunked.action_chunks import ActionChunks
     from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import TokenizerInfo
@@ -18,7 +20,7 @@ def _option(text: str) -> Any:
 
 def train_tokenizer_command(
     dataset: Annotated[Path, typer.Argument(help="Folder of a LeRobotDataset.")],
-    output: Annotated[Path, typer.Option(help="The tokenizer file to write (.safetensors).")],
+    out: Annotated[Path, typer.Option(*OUT, help="The tokenizer file to write (.safetensors).")],
     steps: Annotated[int, typer.Option(help="Optimiser steps.")] = 2000,
     batch_size: Annotated[int, typer.Option(help="Chunks per step.")] = 256,
     lr: Annotated[float, typer.Option(help="Learning rate.")] = 1e-3,
@@ -59,14 +61,14 @@ def train_tokenizer_command(
         **{name: given.pop(name) for name in ("steps", "batch_size", "lr", "weight_decay", "seed")}
     )
     fields = {name: value for name, value in given.items() if value is not None}
-    for name in ("dataset", "output", "preset"):
+    for name in ("dataset", "out", "preset"):
         del fields[name]
     if fsq_levels is not None:
         fields["fsq_levels"] = _numbers(fsq_levels)
     info, chunks = plan_training(dataset, preset, fields, lessons)
     console = Console()
-    trained = _train(output, info, chunks, console)
-    _print_card(trained, output, console)
+    trained = _train(out, info, chunks, console)
+    _print_card(trained, out, console)
 
 
 def _numbers(text: str) -> tuple[int, ...]:

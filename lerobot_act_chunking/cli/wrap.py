@@ -5,10 +5,12 @@ from typing import Annotated, Any
 
 import typer
 
+from lerobot_act_chunking.cli.options import OUT
+
 
 def wrap_command(
     path: Annotated[str, typer.Argument(help="Checkpoint folder (…/pretrained_model) or repo id.")],
-    out: Annotated[Path, typer.Option(help="The folder to write; must not exist.")],
+    out: Annotated[Path, typer.Option(*OUT, help="The folder to write; must not exist.")],
     execution: Annotated[
         str, typer.Option(help="open_loop, receding, ensemble, crossfade, adaptive or coherence.")
     ] = "ensemble",

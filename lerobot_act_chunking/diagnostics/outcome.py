@@ -8,7 +8,8 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
-EXIT_CODES = {"pass": 0, "warn": 0, "fail": 1, "inconclusive": 2}
+# Apart from 1 (refused) and 2 (wrong usage), so that a script can tell a bad policy from a missing file.
+EXIT_CODES = {"pass": 0, "warn": 0, "inconclusive": 10, "fail": 11}
 COLOURS = {"pass": "green", "warn": "yellow", "fail": "red", "inconclusive": "yellow"}
 
 

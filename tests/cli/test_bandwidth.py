@@ -8,7 +8,7 @@ from lerobot.policies.act.configuration_act import ACTConfig
 
 from lerobot_act_chunking.cli.main import main
 
-REFUSED, DONE, FAILED, UNDECIDED = 1, 0, 1, 2
+REFUSED, DONE, FAILED, UNDECIDED = 1, 0, 11, 10
 
 
 @pytest.fixture

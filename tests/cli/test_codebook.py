@@ -18,7 +18,7 @@ from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import Lessons, 
 from lerobot_act_chunking.tokenizers.make import make_tokenizer
 from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
 
-PASSED, FAILED, REFUSED = 0, 1, 1
+PASSED, FAILED, REFUSED = 0, 11, 1
 S, A, C = 3, 2, 4
 INPUTS = {"observation.state": PolicyFeature(FeatureType.STATE, (S,))}
 OUTPUTS = {"action": PolicyFeature(FeatureType.ACTION, (A,))}

@@ -14,7 +14,7 @@ import lerobot_act_chunking.policies.act_chunked.configuration_act_chunked  # no
 from lerobot_act_chunking.cli.main import main
 from lerobot_act_chunking.policies.loading import load_policy
 
-DONE, FAILED, REFUSED = 0, 1, 1
+DONE, FAILED, REFUSED = 0, 11, 1
 S, A, C, L = 3, 2, 6, 4
 
 
@@ -92,7 +92,7 @@ def test_a_fitted_prior_is_a_checkpoint_of_its_own(dataset, checkpoint, tmp_path
     from pathlib import Path
 
     before, out = digests(Path(checkpoint)), tmp_path / "fitted"
-    arguments = ["fit-prior", checkpoint, dataset, "--output", str(out), "--component-weights", "uniform"]
+    arguments = ["fit-prior", checkpoint, dataset, "--out", str(out), "--component-weights", "uniform"]
     assert main(arguments) == DONE
     assert f"checkpoint: {out}" in capsys.readouterr().out.replace("\n", "")
     assert digests(Path(checkpoint)) == before
@@ -119,7 +119,7 @@ def test_other_latents_are_diagnosed_and_not_fitted(latent_type, dataset, tmp_pa
     assert main(["latent", checkpoint, dataset, "--out", str(picture)]) in (DONE, FAILED)
     assert "sample of the prior *" in capsys.readouterr().out
     assert picture.exists()
-    assert main(["fit-prior", checkpoint, dataset, "--output", str(out)]) == REFUSED
+    assert main(["fit-prior", checkpoint, dataset, "--out", str(out)]) == REFUSED
     assert f"latent_type={latent_type} learns its prior" in capsys.readouterr().err
     assert not out.exists()
 
@@ -131,7 +131,7 @@ def test_a_run_that_breaks_off_leaves_nothing(dataset, checkpoint, tmp_path, mon
         raise KeyboardInterrupt
 
     monkeypatch.setattr(files, "publish", break_off)
-    assert main(["fit-prior", checkpoint, dataset, "--output", str(tmp_path / "out" / "fitted")]) == 130
+    assert main(["fit-prior", checkpoint, dataset, "--out", str(tmp_path / "out" / "fitted")]) == 130
     assert list((tmp_path / "out").iterdir()) == []
 
 
@@ -141,12 +141,12 @@ def refusal(capsys, *arguments):
 
 
 def test_refusals(dataset, checkpoint, tmp_path, capsys):
-    assert "exists already" in refusal(capsys, "fit-prior", checkpoint, dataset, "--output", tmp_path)
+    assert "exists already" in refusal(capsys, "fit-prior", checkpoint, dataset, "--out", tmp_path)
     assert "there is no dataset at" in refusal(capsys, "latent", checkpoint, tmp_path / "none")
     assert "there is no checkpoint at" in refusal(capsys, "latent", tmp_path / "none", dataset)
     assert "samples=1 must be at least 2" in refusal(capsys, "latent", checkpoint, dataset, "--samples", 1)
     out = tmp_path / "fitted"
-    told = refusal(capsys, "fit-prior", checkpoint, dataset, "--output", out, "--component-weights", "even")
+    told = refusal(capsys, "fit-prior", checkpoint, dataset, "--out", out, "--component-weights", "even")
     assert "unknown component_weights 'even'; choose one of: empirical, uniform" in told
     assert not out.exists()
     plain = write_checkpoint(tmp_path / "plain", use_vae=False)

@@ -39,7 +39,7 @@ def checkpoint(tmp_path_factory):
 
 def test_it_says_what_it_made_and_what_to_do_next(checkpoint, tmp_path, capsys):
     out = tmp_path / "runs" / "imported"
-    assert main(["import", str(checkpoint), "--output", str(out)]) == 0
+    assert main(["import", str(checkpoint), "--out", str(out)]) == 0
     printed = capsys.readouterr().out
     assert "imported: chunks of 9 control steps; execution=open_loop, a new chunk every 5 steps" in printed
     assert "compared with LeRobot's: normalised actions for a random batch differ by " in printed
@@ -49,7 +49,7 @@ def test_it_says_what_it_made_and_what_to_do_next(checkpoint, tmp_path, capsys):
 
 
 def test_what_cannot_be_imported_is_an_error_without_a_traceback(tmp_path, capsys):
-    assert main(["import", str(tmp_path / "nothing"), "--output", str(tmp_path / "out")]) == 1
+    assert main(["import", str(tmp_path / "nothing"), "--out", str(tmp_path / "out")]) == 1
     assert "there is no folder" in capsys.readouterr().err
-    assert main(["import", str(tmp_path), "--output", str(tmp_path / "out")]) == 1
+    assert main(["import", str(tmp_path), "--out", str(tmp_path / "out")]) == 1
     assert "holds no config.json" in capsys.readouterr().err

@@ -48,7 +48,7 @@ def test_a_dataset_gets_a_stride(dataset, tmp_path, capsys):
 
 
 def test_a_stride_that_is_too_coarse_fails(dataset, capsys):
-    assert main(["resolution", dataset, "--gripper-dims", "1", "--chunk-stride", "20"]) == 1
+    assert main(["resolution", dataset, "--gripper-dims", "1", "--chunk-stride", "20"]) == 11
     assert "fail: chunk_stride=20 is too coarse" in " ".join(capsys.readouterr().out.split())
 
 

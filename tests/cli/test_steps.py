@@ -13,7 +13,7 @@ from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 import lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked  # noqa: F401  (registers)
 from lerobot_act_chunking.cli.main import main
 
-PASSED, REFUSED, UNDECIDED = 0, 1, 2
+PASSED, REFUSED, UNDECIDED = 0, 1, 10
 S, A = 3, 2
 INPUTS = {"observation.state": PolicyFeature(FeatureType.STATE, (S,))}
 OUTPUTS = {"action": PolicyFeature(FeatureType.ACTION, (A,))}

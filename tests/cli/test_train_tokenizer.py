@@ -32,9 +32,7 @@ def wide_terminal(monkeypatch):
 
 
 def run(dataset, output, *arguments, steps=3):
-    return main(
-        ["train-tokenizer", dataset, "--output", str(output), "--steps", str(steps), *SMALL, *arguments]
-    )
+    return main(["train-tokenizer", dataset, "--out", str(output), "--steps", str(steps), *SMALL, *arguments])
 
 
 def test_trains_and_tells(dataset, tmp_path, capsys):

@@ -103,7 +103,7 @@ def test_fine_tuning_starts_from_the_checkpoint(train, dataset, tmp_path):
 
 def test_a_tokenizer_trained_apart_stays_as_it_is(train, dataset, tmp_path):
     tokenizer = tmp_path / "tokenizer.safetensors"
-    made = f"{dataset} --output {tokenizer} --chunk-size 5 --chunk-stride 1 --steps 3 --batch-size 8"
+    made = f"{dataset} --out {tokenizer} --chunk-size 5 --chunk-stride 1 --steps 3 --batch-size 8"
     assert main(["train-tokenizer", *made.split()]) == 0
     settings = fresh(dataset, tmp_path / "run", policy_type="vqbet_chunked")
     settings = [each for each in settings if "vqvae" not in each and "chunk_size" not in each]

@@ -127,7 +127,7 @@ def read_info(path: Path) -> TokenizerInfo:
     if not path.is_file():
         raise ConfigurationError(
             f"there is no tokenizer at {path}: make one with "
-            f"act-chunking train-tokenizer DATASET --output {path}"
+            f"act-chunking train-tokenizer DATASET --out {path}"
         )
     try:
         with safe_open(path, "pt") as file:

@@ -199,7 +199,7 @@ def _refuse_other(found: TokenizerInfo, wanted: TokenizerInfo, path: Path) -> No
     differing = [f"{name} {theirs[name]} (now {ours[name]})" for name in ours if theirs[name] != ours[name]]
     if differing:
         raise ConfigurationError(
-            f"{path} was made with {', '.join(differing)}: delete it, use another --output, or ask for "
+            f"{path} was made with {', '.join(differing)}: delete it, use another --out, or ask for "
             "the same again"
         )
 

@@ -1,0 +1,58 @@
+"""Laws of the whole command line: one spelling for one thing, and statuses that cannot be mistaken."""
+
+import re
+
+import pytest
+from typer.main import get_command
+
+from lerobot_act_chunking.cli.main import EXIT_STATUS, REFUSED, STOPPED, app
+from lerobot_act_chunking.diagnostics.outcome import EXIT_CODES
+
+
+def all_commands(group=None, path=()):
+    for name, command in (group or get_command(app)).commands.items():
+        if hasattr(command, "commands"):
+            yield from all_commands(command, (*path, name))
+        else:
+            yield " ".join((*path, name)), command
+
+
+COMMANDS = dict(all_commands())
+USAGE = 2
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_out_and_output_are_one_option(name):
+    spellings = {"--out", "--output"}
+    for option in COMMANDS[name].params:
+        found = spellings & {*option.opts, *option.secondary_opts}
+        assert found in (set(), spellings), f"{name} {option.opts}"
+
+
+@pytest.mark.parametrize("name", ["wrap", "import", "fit-prior", "train-tokenizer", "motion", "smoothness"])
+def test_what_a_command_makes_is_its_out(name):
+    assert any("--out" in option.opts for option in COMMANDS[name].params)
+
+
+def test_a_verdict_is_no_error_and_no_error_a_verdict():
+    verdicts = {EXIT_CODES["inconclusive"], EXIT_CODES["fail"]}
+    assert len(verdicts) == 2
+    assert not verdicts & {0, REFUSED, USAGE, STOPPED, *range(126, 256)}  # shells: not run, killed
+    assert EXIT_CODES["pass"] == EXIT_CODES["warn"] == 0
+
+
+def test_the_statuses_in_every_help_are_those_of_the_code():
+    told = re.findall(r"(\d+) (?:a verdict of |of |)(\w+)", EXIT_STATUS)
+    assert dict(told)["10"] == "inconclusive"
+    assert dict(told)["11"] == "fail"
+    allowed = {"0", *(str(EXIT_CODES[verdict]) for verdict in ("inconclusive", "fail"))}
+    judging = 0
+    for name, command in COMMANDS.items():
+        text = " ".join((command.help or "").split())
+        if "exit status" in text.lower():
+            judging += 1
+            stated = set(re.findall(r"\b\d+\b", text.lower().split("exit status")[1]))
+            assert stated <= allowed, name
+            assert str(EXIT_CODES["fail"]) in stated, name
+    assert judging == 7
+    assert get_command(app).epilog == EXIT_STATUS
