@@ -16,6 +16,7 @@ from lerobot_act_chunking.execution.executor import ChunkExecutor
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.hub.card import extend_card
 from lerobot_act_chunking.nn.ema import WeightAverage
+from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
 from lerobot_act_chunking.policies.statistics import check_finite
 from lerobot_act_chunking.sampling.episodes import Episodes
@@ -110,7 +111,7 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](PreTrainedPolic
         """The network in use: the averaged one when acting, if there is one."""
         return self.model if self.ema is None or self.training else self.ema.network
 
-    @torch.no_grad()
+    @acting
     def select_action(self, batch: Batch, **_: Any) -> Tensor:
         """The normalised action (B, A) of this control step. Call `reset` at the start of each rollout."""
         observation = Observation.from_lerobot(batch, self.feature_spec)

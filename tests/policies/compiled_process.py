@@ -28,7 +28,8 @@ def main():
         pairs = zip(learn(compiled, batch), learn(eager, batch), strict=True)
         print(max((ours - theirs).abs().max().item() for ours, theirs in pairs))
         compiled.reset()
-        acted = compiled.select_action(batch) - eager.predict_action_chunk(batch)[:, 0]
+        with torch.inference_mode():  # behind which the next size is learned
+            acted = compiled.select_action(batch) - eager.predict_action_chunk(batch)[:, 0]
         print(acted.abs().max().item())
 
 

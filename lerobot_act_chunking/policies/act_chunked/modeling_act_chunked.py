@@ -20,6 +20,7 @@ from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import 
 from lerobot_act_chunking.policies.act_chunked.draws import ActingDraws, Draws
 from lerobot_act_chunking.policies.act_chunked.network import ActNetwork, Lesson
 from lerobot_act_chunking.policies.act_chunked.style_lesson import StyleLesson
+from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.batch_seeds import BatchSeeds
 from lerobot_act_chunking.policies.chunked_policy import Batch, ChunkedPolicy, not_finite
 
@@ -134,7 +135,7 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
             window = Observation(vectors=window.vectors, images=images)
         return window
 
-    @torch.no_grad()
+    @acting
     def predict_action_chunk(
         self,
         batch: Batch,
@@ -161,7 +162,7 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
         given = Draws(drawn.latent if noise is None else noise, drawn.actions if draws is None else draws)
         return self._chunks(window, given, 1, self.config.timing.control_steps)[0]
 
-    @torch.no_grad()
+    @acting
     def predict_samples(self, batch: Batch, n_samples: int) -> Float[Tensor, "N B K A"]:
         """Several chunks for each observation, from now on at every control step.
 

@@ -12,6 +12,7 @@ from lerobot_act_chunking.data.masking import hold_padding, per_sample_error
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.interpolation import upsample
 from lerobot_act_chunking.execution.timeline import Environments
+from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.chunked_policy import Batch, ChunkedPolicy, not_finite
 from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked import (
     DiffusionChunkedConfig,
@@ -88,7 +89,7 @@ class DiffusionChunkedPolicy(ChunkedPolicy[DiffusionChunkedConfig, DiffusionNetw
         output = network.denoiser(x, network.denoiser.modulate(token_time), context)
         return (output - self.process.target(actions, draws.noise, time)).square()
 
-    @torch.no_grad()
+    @acting
     def predict_action_chunk(
         self,
         batch: Batch,
@@ -123,7 +124,7 @@ class DiffusionChunkedPolicy(ChunkedPolicy[DiffusionChunkedConfig, DiffusionNetw
         keyframes = self._sample(window, envs, 1, noise=noise, plan=plan, start=start)[0]
         return self._control_steps(keyframes, self.config.timing.control_steps)
 
-    @torch.no_grad()
+    @acting
     def predict_samples(
         self,
         batch: Batch,

@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal, Self
 
-import torch
 from lerobot.policies.factory import get_policy_class
 from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor
@@ -15,6 +14,7 @@ from lerobot_act_chunking.execution.executor import ChunkExecutor
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.heads.action_head import at_least_single
 from lerobot_act_chunking.hub.card import extend_card
+from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.chunked_policy import ChunkedPolicy, indices
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
     TemporalEnsembleConfig,
@@ -82,7 +82,7 @@ class TemporalEnsemblePolicy(PreTrainedPolicy):
             )
         return self.inner.forward(private(batch), reduction=reduction)  # pyright: ignore[reportCallIssue]
 
-    @torch.no_grad()
+    @acting
     def predict_action_chunk(self, batch: Batch, **kwargs: Any) -> Tensor:
         """The inner policy's whole chunk of normalised actions (B, T, A); needs no earlier call.
 
@@ -101,7 +101,7 @@ class TemporalEnsemblePolicy(PreTrainedPolicy):
             kwargs = {name: value for name, value in kwargs.items() if name not in RTC_ARGUMENTS}
         return self._predict(batch, None, **kwargs)
 
-    @torch.no_grad()
+    @acting
     def select_action(self, batch: Batch, **_: Any) -> Tensor:
         """The normalised action (B, A) of this control step. Call `reset` at the start of each rollout."""
         self._observations.observe(batch)

@@ -13,6 +13,7 @@ from lerobot_act_chunking.data.masking import hold_padding, per_sample_error
 from lerobot_act_chunking.execution.interpolation import upsample
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.heads.codes import focal_loss
+from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.chunked_policy import Batch, ChunkedPolicy, not_finite
 from lerobot_act_chunking.policies.vqbet_chunked.code_draws import CodeDraws
 from lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked import VqbetChunkedConfig
@@ -179,7 +180,7 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
             features, draws, temperature=config.bet_softmax_temperature, top_p=config.top_p
         )
 
-    @torch.no_grad()
+    @acting
     def predict_action_chunk(
         self,
         batch: Batch,
@@ -202,7 +203,7 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
         noise = None if noise is None else noise[None]
         return self._chunks(self._window_of(batch), envs, 1, self.config.timing.control_steps, noise)[0]
 
-    @torch.no_grad()
+    @acting
     def predict_samples(
         self, batch: Batch, n_samples: int, *, noise: Float[Tensor, "N B G"] | None = None
     ) -> Float[Tensor, "N B K A"]:
