@@ -1,6 +1,6 @@
 """The only door from LeRobot's batch dictionaries to typed tensors."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,26 +49,34 @@ class Observation:
         Raises:
             FeatureError: naming a key that is absent or has another shape than the policy was built for.
         """
-        return cls(
-            vectors={key: _take(batch, key, shape) for key, shape in spec.vectors.items()},
-            images={key: _take(batch, key, shape) for key, shape in spec.images.items()},
-        )
+        return cls.window_from_lerobot(batch, spec, 1).latest()
 
     @classmethod
     def window_from_lerobot(
-        cls, batch: Mapping[str, Any], spec: FeatureSpec, n_obs_steps: int
+        cls,
+        batch: Mapping[str, Any],
+        spec: FeatureSpec,
+        n_obs_steps: int,
+        target: "ActionTarget | None" = None,
     ) -> "Observation":
         """Pick the observations (B, n_obs_steps, ...) of ``spec``; LeRobot loads one step without the axis.
+
+        Args:
+            batch: LeRobot's.
+            spec: what the policy reads.
+            n_obs_steps: observations in the window.
+            target: the actions of the same batch, in training.
 
         Raises:
             FeatureError: naming a key that is absent or has another shape than the policy was built for.
         """
-        if n_obs_steps == 1 and not has_time_axis(batch, spec):
-            return cls.from_lerobot(batch, spec).as_window()
-        return cls(
-            vectors={key: _take(batch, key, (n_obs_steps, *shape)) for key, shape in spec.vectors.items()},
-            images={key: _take(batch, key, (n_obs_steps, *shape)) for key, shape in spec.images.items()},
-        )
+        steps = ((n_obs_steps,), ()) if n_obs_steps == 1 else ((n_obs_steps,),)
+        targets = {} if target is None else {ACTION: target.actions}
+        n_targets = None if target is None else len(target.actions)
+        vectors = {key: _take(batch, key, shape, steps, n_targets) for key, shape in spec.vectors.items()}
+        images = {key: _take(batch, key, shape, steps) for key, shape in spec.images.items()}
+        _check_batch_sizes({**targets, **vectors, **images})
+        return cls(vectors, images)
 
     def latest(self) -> "Observation":
         """The current step's observations (B, ...) of a window."""
@@ -99,16 +107,30 @@ class ActionTarget:
         Raises:
             FeatureError: naming a key that is absent or has another shape than the policy was built for.
         """
-        return cls(
-            actions=_take(batch, ACTION, (chunk_size, *spec.action)),
-            is_pad=_take(batch, ACTION_IS_PAD, (chunk_size,)),
+        actions = _take(batch, ACTION, spec.action, ((chunk_size,),))
+        is_pad = _take(batch, ACTION_IS_PAD, (), ((chunk_size,),))
+        _check_batch_sizes({ACTION: actions, ACTION_IS_PAD: is_pad})
+        return cls(actions, is_pad)
+
+
+def has_time_axis(batch: Mapping[str, Any], spec: FeatureSpec, n_obs_steps: int) -> bool:
+    """Whether the observations of a batch come with a time axis (B, n_obs_steps, ...).
+
+    Raises:
+        FeatureError: naming two of several steps that differ in it.
+    """
+    with_axis = {
+        key: value.ndim == len(shape) + 2 or (*value.shape[1:], 1) == (n_obs_steps, *shape)
+        for key, shape in {**spec.vectors, **spec.images}.items()
+        if isinstance(value := batch.get(key), Tensor)
+    }
+    if n_obs_steps > 1 and len(set(with_axis.values())) == 2:
+        has, lacks = (next(key for key in with_axis if with_axis[key] is which) for which in (True, False))
+        raise FeatureError(
+            f"{has!r} has a time axis (shape {tuple(batch[has].shape)}), but {lacks!r} has none (shape "
+            f"{tuple(batch[lacks].shape)}): give all inputs the last {n_obs_steps} steps, or the current one"
         )
-
-
-def has_time_axis(batch: Mapping[str, Any], spec: FeatureSpec) -> bool:
-    """Whether the observations of a batch come with a time axis (B, H, ...)."""
-    key, shape = next(iter((spec.vectors or spec.images).items()))
-    return isinstance(batch.get(key), Tensor) and batch[key].ndim == len(shape) + 2
+    return any(with_axis.values())
 
 
 def first_non_finite(batch: Mapping[str, Any]) -> str | None:
@@ -119,13 +141,46 @@ def first_non_finite(batch: Mapping[str, Any]) -> str | None:
     return None
 
 
-def _take(batch: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> Tensor:
+def _take(
+    batch: Mapping[str, Any],
+    key: str,
+    shape: tuple[int, ...],
+    times: Sequence[tuple[int, ...]],
+    n_targets: int | None = None,
+) -> Tensor:
+    """The value (B, *times[0], *shape) of a key that comes with any of these time axes.
+
+    LeRobot stores a feature of one value as a scalar, so that its last axis is missing. Where that leaves
+    (B,), its processors take the batch for one vector (1, B): B is then the number of targets.
+    """
     value = batch.get(key)
     if value is None:
         present = ", ".join(sorted(k for k, v in batch.items() if v is not None))
         raise FeatureError(f"the policy needs {key!r}, but the batch has only: {present}")
-    if value.shape[1:] != torch.Size(shape):
-        raise FeatureError(
-            f"{key!r} has shape {tuple(value.shape[1:])} per sample, but the policy was built for {shape}"
-        )
-    return value
+    expected = " or ".join(_shape("B", *time, *shape) for time in reversed(times))
+    if not isinstance(value, Tensor) or not value.ndim:
+        what = "a number" if isinstance(value, Tensor) else f"of type {type(value).__name__}"
+        raise FeatureError(f"{key!r} is {what}, but the policy was built for tensors {expected}")
+    complete = [(*time, *shape) for time in times]
+    accepted = complete + (list(times) if shape == (1,) else [])
+    if tuple(value.shape[1:]) in accepted:
+        return value.reshape(len(value), *complete[0])
+    if shape == (1,) and () in times and value.shape == (1, n_targets):
+        return value.reshape(-1, *complete[0])
+    raise FeatureError(
+        f"{key!r} has shape {tuple(value.shape)}, but the policy was built for {expected}, B samples"
+    )
+
+
+def _shape(*sizes: int | str) -> str:
+    return f"({', '.join(map(str, sizes))}{',' * (len(sizes) == 1)})"
+
+
+def _check_batch_sizes(values: Mapping[str, Tensor]) -> None:
+    (first, value), *others = values.items()
+    for key, other in others:
+        if len(other) != len(value):
+            raise FeatureError(
+                f"{key!r} has {len(other)} samples (shape {tuple(other.shape)}), but {first!r} has "
+                f"{len(value)}: all inputs of a batch have the same number"
+            )

@@ -239,10 +239,10 @@ class ChunkedConfig(ExecutionFields, PreTrainedConfig):
                 "the policy needs at least one state vector or camera among its input features"
             )
         for key, shape in {**spec.vectors, ACTION: spec.action}.items():
-            if len(shape) != 1:
-                raise FeatureError(f"{key!r} must be a vector, but its shape is {shape}")
+            if len(shape) != 1 or shape[0] < 1:
+                raise FeatureError(f"{key!r} must be a vector of one value or more, but its shape is {shape}")
         for key, shape in spec.images.items():
-            if len(shape) != 3 or shape[0] != 3:
+            if len(shape) != 3 or shape[0] != 3 or min(shape) < 1:
                 raise FeatureError(
                     f"{key!r} must be an image of shape (3, height, width), but its shape is {shape}"
                 )

@@ -129,7 +129,7 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](PreTrainedPolic
 
         They are the batch's own, if it has a time axis; else its step behind those before, or ``alone``.
         """
-        if has_time_axis(batch, self.feature_spec):
+        if has_time_axis(batch, self.feature_spec, self.config.n_obs_steps):
             return Observation.window_from_lerobot(batch, self.feature_spec, self.config.n_obs_steps)
         window = (
             ObservationWindow(self.config.n_obs_steps, self.config.timing.obs_stride)

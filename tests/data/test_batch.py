@@ -23,12 +23,12 @@ def batch():
 
 def test_picks_what_the_policy_reads(batch):
     observation = Observation.from_lerobot(batch, SPEC)
-    assert observation.vectors == {"observation.state": batch["observation.state"]}
-    assert observation.images == {"observation.images.top": batch["observation.images.top"]}
+    assert torch.equal(observation.vectors["observation.state"], batch["observation.state"])
+    assert torch.equal(observation.images["observation.images.top"], batch["observation.images.top"])
     assert observation.batch_size == B
     target = ActionTarget.from_lerobot(batch, SPEC, chunk_size=T)
-    assert target.actions is batch["action"]
-    assert target.is_pad is batch["action_is_pad"]
+    assert torch.equal(target.actions, batch["action"])
+    assert torch.equal(target.is_pad, batch["action_is_pad"])
 
 
 def test_batch_size_without_vectors(batch):
@@ -46,9 +46,9 @@ def test_a_missing_key_is_named_beside_what_there_is(batch, key):
 
 def test_another_shape_is_named_beside_the_expected_one(batch):
     batch["observation.state"] = torch.randn(B, 7)
-    with pytest.raises(FeatureError, match=r"'observation.state' has shape \(7,\) .* built for \(6,\)"):
+    with pytest.raises(FeatureError, match=r"'observation.state' has shape \(3, 7\), .* built for \(B, 6\)"):
         Observation.from_lerobot(batch, SPEC)
-    with pytest.raises(FeatureError, match=r"'action' has shape \(5, 4\) .* built for \(9, 4\)"):
+    with pytest.raises(FeatureError, match=r"'action' has shape \(3, 5, 4\), .* built for \(B, 9, 4\)"):
         ActionTarget.from_lerobot(batch, SPEC, chunk_size=9)
 
 

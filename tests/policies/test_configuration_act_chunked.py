@@ -348,7 +348,7 @@ def test_vectors_are_read_in_a_fixed_order():
         (
             {"observation.state": PolicyFeature(FeatureType.STATE, (2, 3))},
             ACTION,
-            "must be a vector, but its shape is (2, 3)",
+            "must be a vector of one value or more, but its shape is (2, 3)",
         ),
         (
             {"observation.images.depth": PolicyFeature(FeatureType.VISUAL, (1, 8, 8))},

@@ -195,7 +195,7 @@ def test_diverged_weights_are_told_from_bad_data():
 def test_another_state_size_is_refused():
     batch = {**STATE.batch(), "observation.state": torch.zeros(B, 14)}
     with pytest.raises(
-        FeatureError, match=re.escape("has shape (14,) per sample, but the policy was built for (6,)")
+        FeatureError, match=re.escape("has shape (3, 14), but the policy was built for (B, 6) or (B, 1, 6)")
     ):
         STATE.policy().select_action(batch)
 

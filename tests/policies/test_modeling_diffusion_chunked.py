@@ -281,9 +281,7 @@ def test_a_nan_is_named():
 
 
 def test_a_window_of_another_length_is_refused():
-    with pytest.raises(
-        FeatureError, match=r"shape \(3, 6\) per sample, but the policy was built for \(2, 6\)"
-    ):
+    with pytest.raises(FeatureError, match=r"shape \(\d, 3, 6\), but the policy was built for \(B, 2, 6\)"):
         shaken(n_obs_steps=2).predict_action_chunk(observation(shape=(3, 6)))
 
 

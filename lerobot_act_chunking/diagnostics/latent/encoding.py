@@ -89,8 +89,8 @@ def _lessons(subject: Subject, samples: Samples) -> Iterator[Lesson]:
 
 def _lesson(subject: Subject, batch: Mapping[str, Any]) -> Lesson:
     config = subject.config
-    window = Observation.window_from_lerobot(batch, config.feature_spec, config.n_obs_steps)
     target = ActionTarget.from_lerobot(batch, config.feature_spec, config.chunk_size)
+    window = Observation.window_from_lerobot(batch, config.feature_spec, config.n_obs_steps, target)
     actions = hold_padding(target.actions, target.is_pad)
     state = window.vectors.get(OBS_STATE)
     return Lesson(

@@ -122,7 +122,8 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
             loss, metrics = self._tokenizer_loss(chunks, is_pad)
             losses.append(loss)
         if not losses or self.tokenizer_phase.joint:
-            window = Observation.window_from_lerobot(batch, self.feature_spec, self.config.n_obs_steps)
+            n_steps = self.config.n_obs_steps
+            window = Observation.window_from_lerobot(batch, self.feature_spec, n_steps, target)
             loss, of_policy = self._policy_loss(window, chunks, is_pad)
             losses.append(loss)
             metrics |= of_policy
