@@ -1,6 +1,6 @@
 """The only door from LeRobot's batch dictionaries to typed tensors."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +21,11 @@ class FeatureSpec:
     vectors: Mapping[str, tuple[int, ...]]
     images: Mapping[str, tuple[int, ...]]
     action: tuple[int, ...]
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """All that training reads."""
+        return (*self.vectors, *self.images, ACTION)
 
 
 @dataclass(frozen=True)
@@ -133,10 +138,10 @@ def has_time_axis(batch: Mapping[str, Any], spec: FeatureSpec, n_obs_steps: int)
     return any(with_axis.values())
 
 
-def first_non_finite(batch: Mapping[str, Any]) -> str | None:
-    """The first key of ``batch`` whose tensor holds a NaN or an infinity."""
-    for key, value in batch.items():
-        if isinstance(value, Tensor) and not torch.isfinite(value).all():
+def first_non_finite(batch: Mapping[str, Any], keys: Iterable[str]) -> str | None:
+    """The first of ``keys`` whose tensor in ``batch`` holds a NaN or an infinity."""
+    for key in keys:
+        if not torch.isfinite(batch[key]).all():
             return key
     return None
 

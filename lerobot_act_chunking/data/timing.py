@@ -78,22 +78,21 @@ class ChunkTiming:
         """Actions that the network predicts."""
         return self.past_steps + self.chunk_size
 
-    def check_episode_length(self, longest_episode: int, name: str = "chunk_size") -> None:
-        """Refuse a dataset in which no episode is as long as one chunk.
+    def taught_steps(self, longest_episode: int) -> int:
+        """First control steps of a chunk that demonstrations decide alone, however short they are.
+
+        What lies behind the end of an episode is padding. Interpolation looks one prediction ahead, so the
+        last segment before a prediction that is always padding is left out, too.
 
         Args:
-            longest_episode: its length [control steps].
-            name: what the policy calls the number of its predictions.
-
-        Raises:
-            ConfigurationError: the end of every chunk would be padding, never data.
+            longest_episode: its length [control steps], at least 1.
         """
-        if self.control_steps > longest_episode:
-            fitting = (longest_episode - 1) // self.chunk_stride + 1 + self.past_steps
-            raise ConfigurationError(
-                f"{name}={self.horizon} is longer than the dataset's longest episode "
-                f"({longest_episode} steps); set --policy.{name} to {fitting} or less"
-            )
+        n_predictions = (longest_episode - 1) // self.chunk_stride + 1
+        if n_predictions >= self.chunk_size:
+            return self.control_steps
+        if self.chunk_stride == 1:
+            return n_predictions
+        return max(1, (n_predictions - 2) * self.chunk_stride + 1)
 
 
 @dataclass(frozen=True)

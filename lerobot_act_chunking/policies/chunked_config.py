@@ -18,6 +18,7 @@ from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.hub.preflight import check_push
 from lerobot_act_chunking.nn.vision import check_backbone
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields
+from lerobot_act_chunking.policies.given_settings import GivenSettings
 from lerobot_act_chunking.policies.seconds import to_chunk_size, to_interval, to_stride
 
 PRESET: Any = None  # default of every field that is decided on construction
@@ -26,7 +27,7 @@ IN_SECONDS = ("prediction_dt", "horizon_s", "replan_s")
 
 
 @dataclass
-class ChunkedConfig(ExecutionFields, PreTrainedConfig):
+class ChunkedConfig(ExecutionFields, GivenSettings, PreTrainedConfig):
     """Settings of every policy that predicts chunks from any mix of state vectors and cameras.
 
     Lengths may be given in seconds instead of control steps. A configuration cannot see the dataset, so
@@ -110,11 +111,18 @@ class ChunkedConfig(ExecutionFields, PreTrainedConfig):
         return self.resolve_execution(self.timing.control_steps, self.n_action_steps)
 
     def fill_in(self, values: dict[str, Any]) -> None:
-        """Set every field that was not given to its value here; given normalisations win one by one."""
+        """Set every field that was not given to its value here; given normalisations win one by one.
+
+        Of a chunk all actions may be executed. A single one leaves nothing to blend: it is executed as it is.
+        """
         self.normalization_mapping = values["normalization_mapping"] | (self.normalization_mapping or {})
         for name, value in ({"chunk_stride": 1} | values).items():
             if getattr(self, name) is PRESET:
                 setattr(self, name, value)
+        if self.n_action_steps is PRESET:
+            self.n_action_steps = self.timing.control_steps
+        if self.n_action_steps == 1 and self.given("execution") is PRESET:
+            self.execution = "open_loop"
         if self.optimizer_lr_backbone is PRESET:
             pretrained = self.pretrained_backbone_weights is not None
             self.optimizer_lr_backbone = PRETRAINED_LR if pretrained else self.optimizer_lr

@@ -9,15 +9,16 @@ import torch
 from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor, nn
 
-from lerobot_act_chunking.data.batch import Observation, first_non_finite, has_time_axis
+from lerobot_act_chunking.data.batch import Observation, has_time_axis
 from lerobot_act_chunking.data.window import ObservationWindow
-from lerobot_act_chunking.errors import ConfigurationError, DatasetError
+from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.executor import ChunkExecutor
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.hub.card import extend_card
 from lerobot_act_chunking.nn.ema import WeightAverage
 from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
+from lerobot_act_chunking.policies.short_episodes import fit_to_episodes
 from lerobot_act_chunking.policies.statistics import check_finite
 from lerobot_act_chunking.sampling.episodes import Episodes
 
@@ -35,12 +36,13 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](PreTrainedPolic
     Args:
         config: its settings, with input and output features.
         dataset_stats: statistics of the training data, checked if given.
-        dataset_meta: LeRobot's metadata of the training data, checked if given.
+        dataset_meta: LeRobot's metadata of the training data, checked if given. No more of a chunk is
+            executed than its longest episode taught, unless ``n_action_steps`` was given.
         load_backbone_weights: fill in ``pretrained_backbone_weights``; not if a checkpoint follows.
 
     Raises:
         FeatureError: if inputs or outputs cannot work.
-        ConfigurationError: if no episode is as long as a chunk, or pretrained weights are not cached.
+        ConfigurationError: if pretrained weights are not cached.
         DatasetError: if the statistics are not finite.
     """
 
@@ -63,7 +65,8 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](PreTrainedPolic
         config.validate_features()
         if dataset_meta is not None and dataset_meta.episodes is not None:
             config.check_fps(dataset_meta.fps)
-            config.timing.check_episode_length(max(dataset_meta.episodes["length"]), config.length_name)
+            longest = max(dataset_meta.episodes["length"])
+            fit_to_episodes(config, longest, weights_follow=not load_backbone_weights)
         if dataset_stats is not None:
             check_finite(config, dataset_stats)
         self.config = config
@@ -224,14 +227,3 @@ def _adopt_average(policy: ChunkedPolicy[Any, Any], incompatible: Any) -> None:
     if policy.ema is None:
         unexpected = [key for key in incompatible.unexpected_keys if not key.startswith("ema.")]
         incompatible.unexpected_keys[:] = unexpected
-
-
-def not_finite(batch: Batch, metrics: dict[str, float]) -> DatasetError:
-    """The error for a loss that is NaN or infinite, with its most likely cause."""
-    key = first_non_finite(batch)
-    cause = (
-        "all inputs are finite: the weights have diverged, lower --policy.optimizer_lr"
-        if key is None
-        else f"{key!r} in the batch holds a NaN or an infinity: check the dataset"
-    )
-    return DatasetError(f"the loss is not finite ({metrics}); {cause}")

@@ -53,8 +53,13 @@ def test_another_shape_is_named_beside_the_expected_one(batch):
 
 
 def test_first_non_finite(batch):
-    assert first_non_finite(batch) is None
+    assert first_non_finite(batch, SPEC.keys) is None
     batch["action"][1, 2, 3] = torch.inf
-    assert first_non_finite(batch) == "action"
+    assert first_non_finite(batch, SPEC.keys) == "action"
     batch["observation.state"][0, 0] = torch.nan
-    assert first_non_finite(batch) == "observation.state"
+    assert first_non_finite(batch, SPEC.keys) == "observation.state"
+
+
+def test_what_is_not_read_may_hold_anything(batch):
+    batch["observation.current"] = torch.full((B, 2), torch.nan)
+    assert first_non_finite(batch, SPEC.keys) is None

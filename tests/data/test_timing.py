@@ -1,3 +1,5 @@
+import itertools
+
 import pytest
 
 from lerobot_act_chunking.data.timing import ChunkTiming, QueryTiming
@@ -55,15 +57,25 @@ def test_a_single_observation_cannot_be_strided():
         ChunkTiming(n_obs_steps=1, chunk_size=5, obs_stride=2)
 
 
-def test_a_chunk_must_fit_the_longest_episode():
-    timing = ChunkTiming(n_obs_steps=1, chunk_size=5)
-    timing.check_episode_length(5)
-    with pytest.raises(
-        ConfigurationError, match=r"chunk_size=5 .* longest episode \(4 steps\).*to 4 or less"
-    ):
-        timing.check_episode_length(4)
-    with pytest.raises(ConfigurationError, match="to 3 or less"):
-        ChunkTiming(n_obs_steps=1, chunk_size=4, chunk_stride=5).check_episode_length(15)
+@pytest.mark.parametrize(
+    ("size", "stride", "episode", "taught"),
+    [(5, 1, 5, 5), (5, 1, 9, 5), (5, 1, 3, 3), (5, 1, 1, 1), (4, 5, 16, 16), (4, 5, 15, 6), (4, 5, 10, 1)],
+)
+def test_steps_that_episodes_teach(size, stride, episode, taught):
+    assert ChunkTiming(1, size, stride).taught_steps(episode) == taught
+
+
+def test_taught_steps_are_all_that_no_padding_decides():
+    for size, stride, episode in itertools.product(range(2, 6), range(1, 5), range(1, 22)):
+        timing = ChunkTiming(n_obs_steps=1, chunk_size=size, chunk_stride=stride)
+        decided = [
+            n
+            for n in range(1, timing.control_steps + 1)
+            if (timing.predictions_for(n) - 1) * stride < episode
+        ]
+        taught = timing.taught_steps(episode)
+        assert taught == max([1, *decided]), (size, stride, episode)
+        assert taught <= episode
 
 
 def test_queries_of_earlier_and_later_observations():

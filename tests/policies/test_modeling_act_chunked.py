@@ -1,6 +1,5 @@
 import re
 import sys
-from types import SimpleNamespace
 
 import pytest
 import torch
@@ -198,12 +197,6 @@ def test_another_state_size_is_refused():
         FeatureError, match=re.escape("has shape (3, 14), but the policy was built for (B, 6) or (B, 1, 6)")
     ):
         STATE.policy().select_action(batch)
-
-
-def test_a_chunk_longer_than_every_episode_is_refused():
-    meta = SimpleNamespace(episodes={"length": [3, 4, 2]}, fps=50)
-    with pytest.raises(ConfigurationError, match=r"chunk_size=5 .* longest episode \(4 steps\)"):
-        ActChunkedPolicy(STATE.config(), dataset_meta=meta)
 
 
 def test_a_nan_in_the_dataset_is_found_at_construction():

@@ -1,5 +1,6 @@
 """LeRobot's own training command: it runs, and a resumed run is the undisturbed one."""
 
+import json
 import sys
 
 import numpy as np
@@ -23,14 +24,14 @@ SMALL = {
 }
 
 
-def record(root, spoiled=None):
-    """Two episodes of 12 frames; the first frame of the feature ``spoiled`` holds a NaN."""
+def record(root, spoiled=None, length=12):
+    """Two episodes of ``length`` frames; the first frame of the feature ``spoiled`` holds a NaN."""
     names = {"observation.state": 6, "observation.environment_state": 7, "action": 4}
     features = {key: {"dtype": "float32", "shape": (n,), "names": None} for key, n in names.items()}
     dataset = LeRobotDataset.create("test/toy", fps=50, features=features, root=root, use_videos=False)
     generator = np.random.default_rng(0)
     for _ in range(2):
-        for i in range(12):
+        for i in range(length):
             frame = {key: generator.normal(size=n).astype(np.float32) for key, n in names.items()}
             if spoiled is not None and i == 0:
                 frame[spoiled][0] = np.nan
@@ -75,13 +76,54 @@ def test_a_resumed_run_is_the_undisturbed_one(train, dataset, tmp_path, policy_t
         assert value.equal(resumed[name]), name
 
 
-@pytest.mark.parametrize(
-    ("policy_type", "name"),
-    [("act_chunked", "chunk_size"), ("diffusion_chunked", "horizon"), ("vqbet_chunked", "chunk_size")],
-)
-def test_a_chunk_longer_than_every_episode_is_refused(train, dataset, tmp_path, policy_type, name):
-    with pytest.raises(ConfigurationError, match=rf"{name}=13 .* longest episode \(12 steps\)"):
-        train(*fresh(dataset, tmp_path / "run", f"--policy.{name}=13", policy_type=policy_type))
+LENGTHS = [("act_chunked", "chunk_size"), ("diffusion_chunked", "horizon"), ("vqbet_chunked", "chunk_size")]
+
+
+def saved(run):
+    return json.loads((run / "checkpoints/last/pretrained_model/config.json").read_text())
+
+
+@pytest.mark.parametrize(("policy_type", "name"), LENGTHS)
+def test_a_chunk_longer_than_every_episode_is_executed_as_far_as_it_is_taught(
+    train, dataset, tmp_path, policy_type, name, capsys
+):
+    long = [f"--policy.{name}=15", "--steps=4"]
+    train(*fresh(dataset, tmp_path / "run", *long, policy_type=policy_type))
+    config = saved(tmp_path / "run")
+    assert (config[name], config["n_action_steps"]) == (15, 12)
+    lines = [line for line in capsys.readouterr().err.splitlines() if "longest episode (12 steps)" in line]
+    assert len(lines) == 1
+    assert f"--policy.{name}=12" in lines[0]
+
+
+@pytest.mark.parametrize(("policy_type", "name"), LENGTHS)
+def test_fine_tuning_on_shorter_episodes_keeps_what_the_weights_make_possible(
+    train, dataset, tmp_path, policy_type, name, capsys
+):
+    train(*fresh(dataset, tmp_path / "first", "--steps=4", policy_type=policy_type))
+    short = record(tmp_path / "short", length=4)
+    checkpoint = tmp_path / "first/checkpoints/last/pretrained_model"
+    tuned = fresh(short, tmp_path / "tuned", "--steps=2", policy_type=policy_type)
+    capsys.readouterr()
+    train(f"--policy.path={checkpoint}", *(each for each in tuned if "--policy." not in each))
+    config = saved(tmp_path / "tuned")
+    assert (config[name], config["n_action_steps"]) == (5, 5)
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if "longest episode (4 steps)" in line]
+    assert "executes steps from 4 on, as the checkpoint learned them" in line
+    assert f"--policy.{name}" not in line  # the weights rule it out
+
+
+def test_a_run_must_reach_the_policy(train, dataset, tmp_path):
+    with pytest.raises(
+        ConfigurationError, match=r"steps=3 are over .* the first 3 .* --steps to more than 3"
+    ):
+        train(*fresh(dataset, tmp_path / "run", "--steps=3", policy_type="vqbet_chunked"))
+    train(*fresh(dataset, tmp_path / "four", "--steps=4", policy_type="vqbet_chunked"))
+    checkpoint = tmp_path / "four/checkpoints/last/pretrained_model"
+    tuned = fresh(dataset, tmp_path / "tuned", "--steps=2", policy_type="vqbet_chunked")
+    train(f"--policy.path={checkpoint}", *(each for each in tuned if "--policy." not in each))
+    learned = weights(tmp_path / "tuned", "last")["tokenizer_phase.n_learned"]
+    assert learned == 3  # so that a shorter run is enough: nothing is left to the tokenizer
 
 
 def test_a_nan_in_the_dataset_is_refused(train, tmp_path):

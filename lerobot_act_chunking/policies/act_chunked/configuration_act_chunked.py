@@ -160,18 +160,9 @@ class ActChunkedConfig(ChunkedConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         self.resolve_seconds()
-        self._resolve_preset()
+        self.fill_in(preset_values(self))
         self.check_choices()
         check(self)
-
-    def _resolve_preset(self) -> None:
-        values = preset_values(self)
-        execution = values.pop("execution")
-        self.fill_in(values)
-        if self.n_action_steps is PRESET:
-            self.n_action_steps = self.timing.control_steps
-        if self.execution is PRESET:
-            self.execution = "open_loop" if self.n_action_steps == 1 else execution
 
     @property
     def timing(self) -> ChunkTiming:

@@ -22,7 +22,8 @@ from lerobot_act_chunking.policies.act_chunked.network import ActNetwork, Lesson
 from lerobot_act_chunking.policies.act_chunked.style_lesson import StyleLesson
 from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.batch_seeds import BatchSeeds
-from lerobot_act_chunking.policies.chunked_policy import Batch, ChunkedPolicy, not_finite
+from lerobot_act_chunking.policies.chunked_policy import Batch, ChunkedPolicy
+from lerobot_act_chunking.policies.finite_loss import require_finite_loss
 
 
 class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
@@ -90,8 +91,7 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
         else:
             loss, terms = self.style_lesson(self._network, lesson, generator)
         metrics = dict(zip(terms, torch.stack(list(terms.values())).tolist(), strict=True))
-        if not all(map(math.isfinite, metrics.values())):
-            raise not_finite(batch, metrics)
+        require_finite_loss(loss, metrics, batch, self.feature_spec.keys)
         return (loss.mean() if reduction == "mean" else loss), metrics
 
     def _next_generator(self) -> torch.Generator | None:

@@ -162,15 +162,8 @@ class DiffusionChunkedConfig(ChunkedConfig):
             self.down_dims = SIZES[self.unet_size]
         if self.actions_per_token is PRESET:
             self.actions_per_token = max(n for n in range(1, 6) if self.horizon % n == 0)
-        self._resolve_execution()
         self.check_choices()
         check(self)
-
-    def _resolve_execution(self) -> None:
-        if self.n_action_steps is PRESET and self.horizon > self.timing.past_steps:
-            self.n_action_steps = self.timing.control_steps
-        if self.n_action_steps == 1:
-            self.execution = "open_loop"
 
     @property
     def length_name(self) -> str:

@@ -1,6 +1,5 @@
 """The `diffusion_chunked` policy: denoising in LeRobot's contract."""
 
-import math
 from typing import Any, Literal
 
 import torch
@@ -13,7 +12,7 @@ from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.interpolation import upsample
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.policies.acting import acting
-from lerobot_act_chunking.policies.chunked_policy import Batch, ChunkedPolicy, not_finite
+from lerobot_act_chunking.policies.chunked_policy import Batch, ChunkedPolicy
 from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked import (
     DiffusionChunkedConfig,
 )
@@ -22,6 +21,7 @@ from lerobot_act_chunking.policies.diffusion_chunked.network import DiffusionNet
 from lerobot_act_chunking.policies.diffusion_chunked.plan import Plan
 from lerobot_act_chunking.policies.diffusion_chunked.samplers import ConfiguredSamplers, make_process
 from lerobot_act_chunking.policies.diffusion_chunked.training_noise import Draws, TrainingNoise
+from lerobot_act_chunking.policies.finite_loss import require_finite_loss
 from lerobot_act_chunking.sampling.continuation import covered_steps
 from lerobot_act_chunking.sampling.noise import NoiseHold, NoiseSource
 from lerobot_act_chunking.sampling.samplers import Sampler
@@ -73,8 +73,7 @@ class DiffusionChunkedPolicy(ChunkedPolicy[DiffusionChunkedConfig, DiffusionNetw
             ignored = ignored | draws.prefix
         loss = per_sample_error(error, ignored, "valid")
         metrics = {"mse_loss": loss.mean().item()}
-        if not math.isfinite(metrics["mse_loss"]):
-            raise not_finite(batch, metrics)
+        require_finite_loss(loss, metrics, batch, self.feature_spec.keys)
         return (loss.mean() if reduction == "mean" else loss), metrics
 
     def _error(

@@ -16,6 +16,7 @@ from lerobot_act_chunking.heads.action_head import at_least_single
 from lerobot_act_chunking.hub.card import extend_card
 from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.chunked_policy import ChunkedPolicy, indices
+from lerobot_act_chunking.policies.short_episodes import limit_execution
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
     TemporalEnsembleConfig,
 )
@@ -51,6 +52,9 @@ class TemporalEnsemblePolicy(PreTrainedPolicy):
         super().__init__(config)
         config.validate_features()
         self.config = config
+        meta = dataset.get("dataset_meta")
+        if meta is not None and meta.episodes is not None and load_inner and config.inner_source is None:
+            limit_execution(config, max(meta.episodes["length"]))
         self.inner = _build_inner(config, config.inner_source if load_inner else None, dataset, load_inner)
         self._observations = InnerObservations(self.inner)
         self.reset()

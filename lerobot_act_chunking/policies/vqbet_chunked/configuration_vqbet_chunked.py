@@ -13,7 +13,10 @@ from lerobot_act_chunking.execution.settings import Mode
 from lerobot_act_chunking.policies.chunked_config import PRESET, ChunkedConfig
 from lerobot_act_chunking.policies.vqbet_chunked.checks import check
 from lerobot_act_chunking.policies.vqbet_chunked.presets import preset_values
-from lerobot_act_chunking.policies.vqbet_chunked.schedule import TokenizerThenPolicySchedulerConfig
+from lerobot_act_chunking.policies.vqbet_chunked.schedule import (
+    TokenizerThenPolicySchedulerConfig,
+    steps_left,
+)
 from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import TokenizerInfo, read_info
 from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
 
@@ -134,10 +137,6 @@ class VqbetChunkedConfig(ChunkedConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._resolve()
-        if self.n_action_steps is PRESET:
-            self.n_action_steps = self.timing.control_steps
-        if self.n_action_steps == 1:
-            self.execution = "open_loop"
         self.check_choices()
         check(self)
 
@@ -199,8 +198,9 @@ class VqbetChunkedConfig(ChunkedConfig):
 
     def get_scheduler_preset(self) -> LRSchedulerConfig | None:
         """The learning-rate schedule over the whole run; None if the rate never changes."""
-        if not self.tokenizer_steps:
+        tokenizer_steps = steps_left(self.tokenizer_steps, self.pretrained_path)
+        if not tokenizer_steps:
             return super().get_scheduler_preset()
         return TokenizerThenPolicySchedulerConfig(
-            self.lr_warmup_steps, self.tokenizer_steps, cosine=self.lr_schedule == "cosine"
+            self.lr_warmup_steps, tokenizer_steps, cosine=self.lr_schedule == "cosine"
         )

@@ -1,20 +1,20 @@
 """The `vqbet_chunked` policy: codes and offsets in LeRobot's contract."""
 
 import logging
-import math
 from typing import Any, Literal
 
 import torch
 from jaxtyping import Bool, Float, Int64
 from torch import Tensor, nn
 
-from lerobot_act_chunking.data.batch import ActionTarget, Observation
+from lerobot_act_chunking.data.batch import ACTION, ActionTarget, Observation
 from lerobot_act_chunking.data.masking import hold_padding, per_sample_error
 from lerobot_act_chunking.execution.interpolation import upsample
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.heads.codes import focal_loss
 from lerobot_act_chunking.policies.acting import acting
-from lerobot_act_chunking.policies.chunked_policy import Batch, ChunkedPolicy, not_finite
+from lerobot_act_chunking.policies.chunked_policy import Batch, ChunkedPolicy
+from lerobot_act_chunking.policies.finite_loss import require_finite_actions, require_finite_loss
 from lerobot_act_chunking.policies.vqbet_chunked.code_draws import CodeDraws
 from lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked import VqbetChunkedConfig
 from lerobot_act_chunking.policies.vqbet_chunked.network import VqbetNetwork, build_network
@@ -114,10 +114,9 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
         self._settle()
         target = ActionTarget.from_lerobot(batch, self.feature_spec, len(self.config.action_delta_indices))
         actions = hold_padding(target.actions, target.is_pad)
-        if not torch.isfinite(actions).all():  # no code stands for them
-            raise not_finite(batch, {})
+        require_finite_actions(actions)
         chunks, is_pad = actions[:, self.windows], target.is_pad[:, self.windows]  # (B, Q, C, A), (B, Q, C)
-        losses, metrics = [], {}
+        losses, metrics, keys, rate = [], {}, (ACTION,), "optimizer_vqvae_lr"
         if self.tokenizer_phase.joint or self.tokenizer_phase.comes_first:
             loss, metrics = self._tokenizer_loss(chunks, is_pad)
             losses.append(loss)
@@ -127,9 +126,9 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
             loss, of_policy = self._policy_loss(window, chunks, is_pad)
             losses.append(loss)
             metrics |= of_policy
-        if not all(map(math.isfinite, metrics.values())):
-            raise not_finite(batch, metrics)
+            keys, rate = self.feature_spec.keys, "optimizer_lr"
         loss = torch.stack(losses).sum(0)
+        require_finite_loss(loss, metrics, batch, keys, rate=rate)
         return (loss.mean() if reduction == "mean" else loss), metrics
 
     def _tokenizer_loss(

@@ -1,6 +1,7 @@
 """Training a tokenizer apart from any policy."""
 
 import io
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -29,6 +30,8 @@ from lerobot_act_chunking.tokenizers.make import make_tokenizer
 from lerobot_act_chunking.tokenizers.quantizers import seeded
 from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
 from lerobot_act_chunking.tokenizers.tokenizer import ActionTokenizer
+
+logger = logging.getLogger(__name__)
 
 SAVE_EVERY_S = 5.0
 """What Ctrl-C, kill -9 or a power cut can cost at most."""
@@ -94,6 +97,14 @@ def plan_training(
         )
     timing = ChunkTiming(1, spec.chunk_size, values["chunk_stride"])
     chunks = ActionChunks(demonstrations, timing, NormalizationMode(mode), values["norm_std_floor"])
+    if timing.control_steps > chunks.longest_episode:
+        logger.warning(
+            "chunk_size=%d reaches beyond the dataset's longest episode (%d steps): what lies behind its end "
+            "is padding and is not learned; without padding: --chunk-size %d",
+            timing.chunk_size,
+            chunks.longest_episode,
+            (chunks.longest_episode - 1) // timing.chunk_stride + 1,
+        )
     info = TokenizerInfo(
         spec=spec,
         chunk_stride=timing.chunk_stride,
@@ -169,6 +180,10 @@ class _Training:
         rows = np.random.default_rng(batch_seed).integers(len(chunks), size=lessons.batch_size)
         learned = self.tokenizer.learn(*chunks.take(rows), int(seed))
         loss = learned.loss.mean()
+        if not torch.isfinite(loss):
+            raise ConfigurationError(
+                f"the loss is not finite in step {self.done + 1}: lower --lr (now {lessons.lr:g})"
+            )
         self.optimizer.zero_grad()
         loss.backward()
         self.optimizer.step()

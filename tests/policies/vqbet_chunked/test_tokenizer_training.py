@@ -214,7 +214,6 @@ def test_the_seed_decides_everything(dataset, tmp_path):
 
 
 REFUSED = [
-    ({"chunk_size": 30}, "chunk_size=30 is longer than the dataset's longest episode"),
     ({"vqvae_n_embed": 1}, "vqvae_n_embed=1 must be at least 2"),
     ({"tokenizer": "uniform"}, "tokenizer=uniform has nothing to learn: use it without a file, as --policy"),
     ({"tokenizer": "bpe"}, "unknown tokenizer 'bpe'"),

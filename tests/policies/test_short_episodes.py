@@ -1,0 +1,131 @@
+"""Chunks longer than every episode: what is executed, what is said, and that the way out works."""
+
+import logging
+import re
+from types import SimpleNamespace
+
+import pytest
+from lerobot.configs import PreTrainedConfig
+from lerobot.policies.factory import get_policy_class
+from policy_cases import CASES, STATE, WRAPPED, A, B, Case
+
+from lerobot_act_chunking.errors import ConfigurationError
+
+LONG = [
+    Case("act", "act_chunked", STATE, {"chunk_size": 12}),
+    Case("strided", "act_chunked", STATE, {"chunk_size": 6, "chunk_stride": 3, "actions_per_query": 2}),
+    Case("diffusion", "diffusion_chunked", STATE, {"horizon": 12}),
+    Case("past", "diffusion_chunked", STATE, {"align": "first_obs", "n_obs_steps": 2, "horizon": 12}),
+    Case("vqbet", "vqbet_chunked", STATE, {"chunk_size": 12}),
+    Case("seconds", "vqbet_chunked", STATE, {"chunk_size": None, "horizon_s": 1.2, "fps": 10}),
+]
+
+
+def trained(config, *lengths, **kwargs):
+    """The policy that LeRobot would make to train on episodes of these lengths."""
+    meta = SimpleNamespace(episodes={"length": list(lengths)}, fps=10)
+    return get_policy_class(config.type)(config, dataset_meta=meta, **kwargs)
+
+
+def said(caplog):
+    return [record.message for record in caplog.records if "longest episode" in record.message]
+
+
+@pytest.fixture(params=LONG, ids=lambda case: case.name)
+def long(request):
+    return request.param
+
+
+def test_nothing_is_executed_that_was_not_taught(long, caplog):
+    config = long.config()
+    taught = config.timing.taught_steps(7)
+    policy = trained(config, 3, 7, 5)
+    assert 1 <= config.n_action_steps <= taught <= 7
+    assert policy._action_queue.settings.n_action_steps == config.n_action_steps
+    (line,) = said(caplog)
+    assert "longest episode (7 steps)" in line
+    assert policy.select_action(long.batch()).shape == (B, A)
+
+
+def test_the_setting_that_fits_cures(long, caplog):
+    trained(long.config(), 7)
+    ((name, value),) = re.findall(r"--policy\.(\w+)=([\d.]+)", said(caplog)[0])
+    caplog.clear()
+    value = float(value) if "." in value else int(value)
+    trained(long.config(**{name: value}), 7)
+    assert not said(caplog)
+
+
+def test_it_is_stored(long, tmp_path):
+    config = long.config()
+    trained(config, 7)
+    config.save_pretrained(tmp_path)
+    assert PreTrainedConfig.from_pretrained(tmp_path).n_action_steps == config.n_action_steps
+
+
+def test_what_was_asked_for_is_kept_and_said(long, caplog):
+    asked = {"n_action_steps": 8, "replan_interval": None, "execution": "receding"}
+    config = long.config(**asked)
+    trained(config, 7)
+    assert {name: getattr(config, name) for name in asked} == asked
+    (line,) = said(caplog)
+    taught = config.timing.taught_steps(7)
+    assert f"n_action_steps=8 executes steps from {taught} on, although nothing taught them" in line
+
+
+def test_a_limit_that_other_settings_rule_out_is_not_set(caplog):
+    config = LONG[0].config(replan_interval=9)
+    trained(config, 7)
+    assert config.n_action_steps == 12
+    assert "n_action_steps=12 executes steps from 7 on, although" in said(caplog)[0]
+    assert "--policy.n_action_steps" not in said(caplog)[0]
+
+
+def test_the_weights_of_a_checkpoint_rule_out_another_length(long, caplog):
+    config = long.config(n_action_steps=long.config().timing.control_steps, execution="receding")
+    before = config.n_action_steps
+    trained(config, 7, load_backbone_weights=False)
+    (line,) = said(caplog)
+    assert config.n_action_steps == before
+    assert f"n_action_steps={before} executes steps from" in line
+    assert "as the checkpoint learned them" in line
+    assert not re.search(r"--policy\.(chunk_size|horizon|horizon_s)=", line)
+
+
+def test_a_single_taught_step_is_executed_as_it_is():
+    config = Case("one", "act_chunked", STATE, {"chunk_size": 12}).config()
+    trained(config, 1)
+    assert (config.n_action_steps, config.execution) == (1, "open_loop")
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.type}-{case.name}")
+def test_episodes_as_long_as_a_chunk_change_nothing(case, caplog):
+    caplog.set_level(logging.INFO)
+    config, untouched = case.config(), case.config()
+    trained(config, 2, config.timing.control_steps)
+    assert config == untouched
+    assert not said(caplog)
+
+
+def test_a_wrapper_executes_no_more_either(caplog):
+    config = WRAPPED.config()
+    policy = trained(config, 4)
+    assert config.n_action_steps == 4
+    assert policy._action_queue.settings.n_action_steps == 4
+    assert any("temporal_ensemble" in line for line in said(caplog))
+
+
+def test_a_wrapper_keeps_what_was_asked_for(caplog):
+    config = WRAPPED.config(n_action_steps=5)
+    trained(config, 4)
+    assert config.n_action_steps == 5
+    assert any("n_action_steps=5 executes steps from 4 on" in line for line in said(caplog))
+
+
+def test_a_variant_is_what_the_given_settings_make():
+    config = LONG[0].config(dim_model=32)
+    assert config.given("n_action_steps") is None
+    assert config.variant() == config
+    assert config.variant(chunk_size=9).n_action_steps == 9
+    with pytest.raises(ConfigurationError, match="n_action_steps=13 exceeds"):
+        config.variant(n_action_steps=13)
