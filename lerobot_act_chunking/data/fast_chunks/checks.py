@@ -14,6 +14,7 @@ from lerobot.utils.feature_utils import dataset_to_policy_features
 
 from lerobot_act_chunking.data.fast_chunks.columns import Column
 from lerobot_act_chunking.data.fast_chunks.dataset import FastChunkDataset
+from lerobot_act_chunking.data.missing_files import what_is_missing
 from lerobot_act_chunking.errors import DatasetError
 
 HUB_ERRORS = (httpx.HTTPError, OfflineModeIsEnabled, LocalEntryNotFoundError)
@@ -79,14 +80,13 @@ def _bad_rows(piece: np.ndarray) -> Bool[np.ndarray, " rows"]:
 
 def _absent(repo_id: str, root: str | None, error: Exception) -> DatasetError:
     folder = Path(root) if root else HF_LEROBOT_HOME / repo_id
-    if not folder.exists():
-        found = "does not exist"
-    elif not (folder / "meta" / "info.json").is_file():
-        found = "holds no LeRobot dataset (no meta/info.json)"
-    else:
-        found = "holds an incomplete LeRobot dataset (parquet or video files are missing)"
     reason = str(error).strip().splitlines()[0]
+    way_out = (  # nothing is recorded into a folder that may be somebody's
+        "Name a LeRobotDataset's folder with --dataset.root, or copy what is missing into this one"
+        if folder.exists()
+        else f"Record one: act-chunking record --task transfer_cube --repo-id {repo_id} --root {folder}"
+    )
     return DatasetError(
-        f"{folder} {found}, and {repo_id!r} could not be fetched from the Hugging Face hub ({reason}). "
-        f"Record one: act-chunking record --task transfer_cube --repo-id {repo_id} --root {folder}"
+        f"{folder} {what_is_missing(folder)}, and {repo_id!r} could not be fetched from the Hugging Face hub "
+        f"({reason}). {way_out}"
     )

@@ -1,3 +1,4 @@
+import re
 import shutil
 
 import httpx
@@ -104,10 +105,34 @@ def test_a_root_that_holds_something_else(tmp_path):
         make(tmp_path)
 
 
-def test_a_dataset_without_its_data(states, tmp_path):
-    root = shutil.copytree(states, tmp_path / "set")
+def test_a_dataset_one_level_below_is_named_and_can_be_read(states, tmp_path):
+    shutil.copytree(states, tmp_path / "set")
+    with pytest.raises(DatasetError) as error:
+        make(tmp_path)
+    (root,) = re.findall(r"info\.json\), but (\S+) does", str(error.value))
+    assert len(make(root)) == 17
+
+
+def test_every_missing_file_is_named_and_putting_it_back_cures(states, images, tmp_path):
+    for number, dataset in enumerate((states, images)):
+        root = shutil.copytree(dataset, tmp_path / str(number))
+        files = [file for file in sorted(root.rglob("*")) if file.is_file() and file.name != "stats.json"]
+        for file in files:
+            content = file.read_bytes()
+            file.unlink()
+            with pytest.raises(DatasetError) as error:
+                make(root)
+            assert str(file.relative_to(root)) in str(error.value)
+            assert "act-chunking record" not in str(error.value)  # into the user's own folder
+            file.write_bytes(content)
+            assert len(make(root)) == 17
+
+
+def test_many_missing_files_are_counted(videos, tmp_path):
+    root = shutil.copytree(videos, tmp_path / "set")
+    shutil.rmtree(root / "videos")
     shutil.rmtree(root / "data")
-    with pytest.raises(DatasetError, match="holds an incomplete LeRobot dataset"):
+    with pytest.raises(DatasetError, match=r"dataset: data/chunk-000/file-000\.parquet, videos/\S+mp4"):
         make(root)
 
 
