@@ -118,29 +118,33 @@ def test_a_fresh_policy_predicts_chunks(case):
 
 def test_actions_are_the_columns_of_chunks(case):
     policy, batch = case.policy(execution="open_loop", n_action_steps=3), case.batch()
+    policy.reset(episode_seeds=range(B))
     chunk = policy.predict_action_chunk(batch)
-    policy.reset()
+    policy.reset(episode_seeds=range(B))
     actions = torch.stack([policy.select_action(batch) for _ in range(6)], dim=1)
     torch.testing.assert_close(actions[:, :3], chunk[:, :3])
-    policy.reset()
+    policy.reset(episode_seeds=range(B))
     chunks = torch.stack([policy.predict_action_chunk(batch)[:, :3] for _ in range(2)], dim=1)
     torch.testing.assert_close(actions, chunks.flatten(1, 2))
 
 
 def test_only_a_new_chunk_looks_at_the_observation(case):
     policy, batch = case.policy(execution="open_loop", n_action_steps=3), case.batch()
+    policy.reset(episode_seeds=range(B))
     expected = policy.predict_action_chunk(batch)[:, 1]
-    policy.reset()
+    policy.reset(episode_seeds=range(B))
     policy.select_action(batch)
     changed = {key: value + 1 if key.startswith("observation") else value for key, value in batch.items()}
     torch.testing.assert_close(policy.select_action(changed), expected)
 
 
 def test_reset_equals_fresh(case):
+    """But for what is drawn, which follows from the episode: here the same."""
     used, fresh, batch = case.policy(), case.policy(), case.batch()
     for _ in range(2):
         used.select_action(batch)
-    used.reset()
+    used.reset(episode_seeds=range(B))
+    fresh.reset(episode_seeds=range(B))
     for _ in range(T + 1):
         assert torch.equal(used.select_action(batch), fresh.select_action(batch))
 
@@ -151,10 +155,12 @@ def test_one_environment_may_start_a_rollout_alone(case):
     later = {k: v + 1 if k.startswith("observation") else v for k, v in batch.items()}
     for one in (policy, undisturbed):
         one.select_action(batch)
-    policy.reset([1])
+    policy.reset([1], episode_seeds=[5])
     actions, expected = policy.select_action(later), undisturbed.select_action(later)
     assert torch.equal(actions[[0, 2]], expected[[0, 2]])
-    torch.testing.assert_close(actions[1], case.policy().predict_action_chunk(later)[1, 0])
+    fresh = case.policy()
+    fresh.reset(episode_seeds=[4, 5, 6])
+    torch.testing.assert_close(actions[1], fresh.predict_action_chunk(later)[1, 0])
 
 
 def test_a_batch_of_another_size_starts_a_rollout(case):
@@ -175,7 +181,7 @@ def test_acting_neither_reads_nor_moves_the_random_generator(case):
     policy, batch, chunks = case.policy(), case.batch(), []
     for seed in (4, 5):
         torch.manual_seed(seed)
-        policy.reset()
+        policy.reset(episode_seeds=range(B))
         before = torch.get_rng_state()
         chunks.append(policy.predict_action_chunk(batch))
         assert torch.equal(torch.get_rng_state(), before)

@@ -21,6 +21,7 @@ def test_environments_and_seeds_differ():
 
 
 def test_noise_goes_on_until_reset():
+    """Within an episode; which one it is, its `Episodes` decide."""
     source = NoiseSource(7)
     first, second = source.draw(B, (T, A)), source.draw(B, (T, A))
     assert not torch.equal(first, second)
@@ -30,6 +31,9 @@ def test_noise_goes_on_until_reset():
     assert not torch.equal(third[0], first[0])
     source.reset()
     assert torch.equal(source.draw(B, (T, A)), first)
+    source.episodes.begin()
+    source.reset()
+    assert not torch.equal(source.draw(B, (T, A)), first)
 
 
 def test_resetting_what_never_drew_does_no_harm():

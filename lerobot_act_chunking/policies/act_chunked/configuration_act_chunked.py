@@ -89,7 +89,7 @@ class ActChunkedConfig(ChunkedConfig):
 
         compile_model: through torch.compile, for any batch size. The first step takes a minute or two; on a
             CPU it gains a few percent of the later ones.
-        noise_seed: seed of sampling when acting; each environment has its own generator.
+        noise_seed: seed of sampling when acting; every episode of every environment has a stream of its own.
 
     Raises:
         ConfigurationError: on construction, naming the setting that cannot work.

@@ -82,7 +82,7 @@ class DiffusionChunkedConfig(ChunkedConfig):
         condition_dropout: how often training leaves them out.
         guidance_scale: w in ``x_without + w * (x_with - x_without)`` (classifier-free guidance, Ho and
             Salimans 2022); 1 is off.
-        noise_seed: seed of the noise when acting; each environment has its own generator.
+        noise_seed: seed of the noise when acting; every episode of every environment has a stream of its own.
 
     Raises:
         ConfigurationError: on construction, naming the setting that cannot work.

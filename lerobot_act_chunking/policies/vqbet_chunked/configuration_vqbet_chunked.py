@@ -77,7 +77,8 @@ class VqbetChunkedConfig(ChunkedConfig):
         top_p: sample among the likeliest codes that together have this probability.
         code_hold: draw the random numbers that pick codes for every ``chunk``, or once an ``episode``.
         spatial_softmax_num_keypoints: image keypoints per camera.
-        noise_seed: seed of sampling codes when acting; each environment has its own generator.
+        noise_seed: seed of sampling codes when acting; every episode of every environment has a stream of its
+            own.
 
     Raises:
         ConfigurationError: on construction, naming the setting that cannot work.
