@@ -15,6 +15,7 @@ from typing import Any
 from rich.console import Console
 
 from lerobot_act_chunking.cli.quickstart import Story, run
+from lerobot_act_chunking.compat import trackers_off
 from lerobot_act_chunking.envs.robotics.tasks import TASKS as ROBOTICS_TASKS
 
 READER = "ACT_CHUNKING_FAST_CHUNKS"
@@ -113,7 +114,8 @@ class Training:
             *(f"--output_dir={self.folder / 'train'}", f"--seed={self.seed}"),
             *(f"--steps={variant.steps}", f"--save_freq={max(1, variant.steps // 5)}"),
             *(f"--log_freq={max(1, variant.steps // 20)}", f"--batch_size={variant.batch_size}"),
-            *("--num_workers=0", "--env_eval_freq=0", "--wandb.enable=false"),
+            *("--num_workers=0", "--env_eval_freq=0"),
+            *trackers_off(),
         ]
 
     def train(self, console: Console) -> None:

@@ -1,5 +1,5 @@
 """Everything LeRobot learns when it discovers this package: policy types, environment types, fast
-chunks, and the local hub if there is one.
+chunks, the local hub if there is one, and model cards.
 
 LeRobot imports the installed module ``lerobot_policy_act_chunking`` (a copy of ``_lerobot_plugin.py``), which
 imports this one. Only configurations are imported here; LeRobot finds the rest by module name.
@@ -14,7 +14,9 @@ import lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked  
 from lerobot_act_chunking import hub
 from lerobot_act_chunking.data import fast_chunks
 from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
+from lerobot_act_chunking.policies import model_card
 
 fast_chunks.install()
 hub.install()
+model_card.install()
 quiet_missing_ffmpeg()

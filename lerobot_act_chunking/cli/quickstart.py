@@ -20,6 +20,7 @@ import typer
 from rich.console import Console
 from rich.rule import Rule
 
+from lerobot_act_chunking.compat import trackers_off
 from lerobot_act_chunking.errors import ActChunkingError, ConfigurationError, unknown_choice
 
 TASKS = ("transfer_cube", "insertion")
@@ -140,7 +141,7 @@ class Story:
             "--batch_size=64",
             "--num_workers=0",
             "--env_eval_freq=0",
-            "--wandb.enable=false",
+            *trackers_off(),
         ]
 
     def eval_command(self, policy_path: str | None = None) -> list[str]:

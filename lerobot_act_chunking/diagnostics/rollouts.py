@@ -16,6 +16,7 @@ from lerobot.envs.utils import preprocess_observation
 from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor
 
+from lerobot_act_chunking.compat import action_of
 from lerobot_act_chunking.diagnostics.environments import EnvironmentConfig
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
 from lerobot_act_chunking.errors import ConfigurationError
@@ -183,7 +184,7 @@ def _advance(policy: LoadedPolicy, group: list[_Episode], on_step: OnStep | None
     observation["task"] = [episode.env.task_description for episode in group]  # pyright: ignore[reportArgumentType]
     batch = policy.preprocessor(observation)
     with torch.inference_mode():
-        commands = policy.postprocessor(policy.policy.select_action(batch)).to("cpu").numpy()
+        commands = policy.postprocessor(action_of(policy.policy.select_action(batch))).to("cpu").numpy()
     for episode, command in zip(group, commands, strict=True):
         if not episode.done:
             episode.advance(command, on_step)
@@ -244,10 +245,10 @@ def _observed_predictions(policy: Any, note: OnChunk) -> Iterator[None]:
     """LeRobot's own policies have no executor; their ``select_action`` calls ``predict_action_chunk``."""
     predict = policy.predict_action_chunk
 
-    def predict_and_note(*args: Any, **kwargs: Any) -> Tensor:
-        chunk = predict(*args, **kwargs)
-        note(chunk, None)
-        return chunk
+    def predict_and_note(*args: Any, **kwargs: Any) -> Any:
+        output = predict(*args, **kwargs)
+        note(action_of(output), None)
+        return output
 
     policy.predict_action_chunk = predict_and_note
     try:

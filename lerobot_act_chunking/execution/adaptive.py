@@ -65,6 +65,13 @@ class AdaptiveEnsemble(NewestChunk):
             self._counts[envs] = False
             self._disagreements[envs] = torch.nan
 
+    def clear(self) -> None:
+        """Forget plans and older chunks; what is typical of an environment stays."""
+        super().clear()
+        if self._plan.numel():
+            self._older.zero_()
+            self._counts.zero_()
+
     def _allocate(self, chunk: Tensor) -> None:
         super()._allocate(chunk)
         B, cells, A = self._plan.shape

@@ -79,6 +79,15 @@ class ChunkExecutor:
             self._schedule(envs, self._step)
             self._timeline.reset(envs)
 
+    def clear(self) -> None:
+        """Drop the actions that wait: the next step asks for a chunk in every environment.
+
+        All else goes on: time, what was executed, what was learned from the rollout. LeRobot's
+        ``drop_queued_actions`` calls this when the instruction changes within an episode.
+        """
+        self._schedule(None, self._step)
+        self._timeline.clear()
+
     def _start(self, batch_size: int) -> None:
         self._due_at = np.zeros(batch_size, dtype=np.int64)  # (B,) the step of each next chunk
         self._first_due = self._last_due = self._step = 0

@@ -63,6 +63,13 @@ class Timeline(ABC):
             self._covered_until = 0
             self._plan[envs.to(self._plan.device), self._head :] = 0
 
+    def clear(self) -> None:
+        """Forget the plan of all environments from the current step on; the last action stays."""
+        self._rhythm, self._repeats = NO_RHYTHM, 0
+        self._shares.fill(EMPTY)
+        self._covered_until = 0
+        self._plan[:, self._head :] = 0
+
     def _separate(self) -> None:
         """From now on the environments may differ in what their cells have seen."""
         self._rhythm, self._repeats = NO_RHYTHM, 0

@@ -44,7 +44,7 @@ _SECRET = re.compile(r"(--[^=]*(?:token|secret|password|api_key)[^=]*)=.*", re.I
 def extend_card(card: ModelCard, config: ChunkSettings, *, fps: float | None = None) -> ModelCard:
     """LeRobot's card for a policy of this package, with our section and this process's command line added.
 
-    Meant for ``generate_model_card``, the one hook that LeRobot's releases and its main branch share.
+    LeRobot's 0.6.1 makes the card in a method of the policy, later ones in a function of their training.
     """
     card.text = card.text.rstrip() + "\n\n" + policy_section(config, command=sys.argv, fps=fps)
     return card

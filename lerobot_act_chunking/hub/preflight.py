@@ -7,6 +7,7 @@ from huggingface_hub import constants, get_session, get_token
 from huggingface_hub.errors import HfHubHTTPError, OfflineModeIsEnabled
 from huggingface_hub.utils import build_hf_headers, hf_raise_for_status
 
+from lerobot_act_chunking.compat import hub_misfit
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.hub import files
 from lerobot_act_chunking.hub.names import RepoName
@@ -44,7 +45,18 @@ def check_push(config: PushSettings) -> None:
     if hub is None:
         _check_real_hub(config.repo_id)
     elif config.repo_id is not None:  # LeRobot itself asks for a missing one
+        _check_routing()
         _check_local_hub(hub, config.repo_id)
+
+
+def _check_routing() -> None:
+    """What was meant for a folder does not go out into the world."""
+    misfit = hub_misfit()
+    if misfit is not None:
+        raise ConfigurationError(
+            f"{LOCAL_HUB} is set, but pushes cannot be led there ({misfit}): set --policy.push_to_hub=false, "
+            f"or unset {LOCAL_HUB} to push to the real Hub"
+        )
 
 
 def _check_local_hub(hub: LocalHub, repo_id: str) -> None:

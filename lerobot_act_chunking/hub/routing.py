@@ -1,11 +1,13 @@
 """Routing huggingface_hub, and with it LeRobot, to the folder that ``LEROBOT_LOCAL_HUB`` names."""
 
+import logging
 import os
 from pathlib import Path
 
 import httpx
-from huggingface_hub import constants, set_client_factory
+from huggingface_hub import constants
 
+from lerobot_act_chunking.compat import hub_misfit
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.hub.storage import LocalHub
 from lerobot_act_chunking.hub.transport import LocalHubTransport
@@ -14,6 +16,8 @@ LOCAL_HUB = "LEROBOT_LOCAL_HUB"
 """Environment variable: the folder that takes the Hub's place."""
 FALL_THROUGH = "LEROBOT_LOCAL_HUB_FALL_THROUGH"
 """Environment variable: with ``1``, repositories the folder does not hold are read from the real Hub."""
+
+logger = logging.getLogger(__name__)
 
 
 def configured_hub() -> LocalHub | None:
@@ -25,15 +29,23 @@ def configured_hub() -> LocalHub | None:
 def install() -> None:
     """Send huggingface_hub's requests to the local hub; without ``LEROBOT_LOCAL_HUB`` nothing changes.
 
-    Harmless to call twice. Processes started later inherit the environment and call it themselves.
+    Harmless to call twice. Processes started later inherit the environment and call it themselves. A
+    huggingface_hub that cannot be routed is left alone, with one line in the log.
     """
     hub = configured_hub()
-    if hub is not None:
+    if hub is None:
+        return
+    misfit = hub_misfit()
+    if misfit is None:
         route_to(hub, fall_through=os.environ.get(FALL_THROUGH) == "1")
+    else:
+        logger.warning("the local hub is off and the real Hub is asked: %s", misfit)
 
 
 def route_to(hub: LocalHub, *, fall_through: bool = False) -> None:
     """Make every request of huggingface_hub in this process go to ``hub``."""
+
+    from huggingface_hub import set_client_factory  # here: this module loads without it, to say so
 
     def client() -> httpx.Client:
         # Raised here, by the first request: an error while LeRobot imports plugins would only be logged.

@@ -14,10 +14,10 @@ from lerobot_act_chunking.data.window import ObservationWindow
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.executor import ChunkExecutor
 from lerobot_act_chunking.execution.timeline import Environments
-from lerobot_act_chunking.hub.card import extend_card
 from lerobot_act_chunking.nn.ema import WeightAverage
 from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
+from lerobot_act_chunking.policies.model_card import WithModelCard
 from lerobot_act_chunking.policies.short_episodes import fit_to_episodes
 from lerobot_act_chunking.policies.statistics import check_finite
 from lerobot_act_chunking.sampling.episodes import Episodes
@@ -27,7 +27,7 @@ FUSED_ADAMW_DEVICES = ("cpu", "cuda", "mps")
 Batch = dict[str, Any]
 
 
-class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](PreTrainedPolicy):
+class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, PreTrainedPolicy):
     """Base of the policies: checks, weight averaging, checkpoints, and chunks executed one action at a time.
 
     A policy adds ``config_class``, ``name``, its network, `forward` and `_predict`. Batches are LeRobot's:
@@ -48,6 +48,8 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](PreTrainedPolic
 
     config_class = ChunkedConfig  # pyright: ignore[reportAssignmentType]  (LeRobot declares None)
     name = "chunked"  # pyright: ignore[reportAssignmentType]
+    # What may be called on a policy whose weights are spread over devices (LeRobot 0.7).
+    _fsdp_forward_methods = ("select_action", "predict_action_chunk", "predict_samples")
     config: ConfigT
     model: NetworkT
     ema: WeightAverage[NetworkT] | None
@@ -197,11 +199,6 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](PreTrainedPolic
         groups = [{"params": rest}, {"params": backbone, "lr": self.config.optimizer_lr_backbone}]
         fused = rest[0].device.type in FUSED_ADAMW_DEVICES
         return [{**group, "fused": fused} for group in groups if group["params"]]
-
-    def generate_model_card(self, *args: Any, dataset_meta: Any | None = None, **kwargs: Any) -> Any:
-        """LeRobot's model card, plus what this policy reads and how it acts."""
-        card = super().generate_model_card(*args, dataset_meta=dataset_meta, **kwargs)
-        return extend_card(card, self.config, fps=None if dataset_meta is None else dataset_meta.fps)
 
     def _validate_peft_config(self, peft_config: Any) -> None:
         super()._validate_peft_config(peft_config)

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from huggingface_hub import scan_cache_dir
 
+from lerobot_act_chunking.compat import trackers_off
 from lerobot_act_chunking.hub.names import RepoName
 from lerobot_act_chunking.hub.storage import LocalHub
 from lerobot_act_chunking.hub.verifying import verify
@@ -122,7 +123,7 @@ TRAIN = [
     "--batch_size=2",
     "--num_workers=0",
     "--log_freq=1",
-    "--wandb.enable=false",
+    *trackers_off(),
 ]
 EVAL = [
     "--policy.device=cpu",

@@ -12,6 +12,7 @@ from lerobot.configs.train import TrainPipelineConfig
 from lerobot.utils.constants import HF_LEROBOT_HOME
 from lerobot.utils.feature_utils import dataset_to_policy_features
 
+from lerobot_act_chunking.compat import check_one_average
 from lerobot_act_chunking.data.fast_chunks.columns import Column
 from lerobot_act_chunking.data.fast_chunks.dataset import FastChunkDataset
 from lerobot_act_chunking.data.missing_files import what_is_missing
@@ -37,6 +38,7 @@ def with_checks[Dataset](
 
     @functools.wraps(make_dataset)
     def make_checked_dataset(cfg: TrainPipelineConfig) -> Dataset:
+        check_one_average(cfg)
         try:
             dataset = make_dataset(cfg)
         except HUB_ERRORS as error:

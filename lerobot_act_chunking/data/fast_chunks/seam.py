@@ -7,6 +7,8 @@ import inspect
 import logging
 import os
 
+from lerobot_act_chunking.compat import reader_misfit
+
 SWITCH = "ACT_CHUNKING_FAST_CHUNKS"
 
 logger = logging.getLogger(__name__)
@@ -55,26 +57,15 @@ def _replace() -> None:
 
 
 def _misfit() -> str | None:
-    """In what LeRobot differs from the 0.6.1 whose insides are used here, None if it does not."""
-    from datasets import Dataset
+    """Why fast chunks do not fit in, None if they do."""
+    misfit = reader_misfit()
+    if misfit is not None:
+        return misfit
     from lerobot.datasets import factory
-    from lerobot.datasets.dataset_reader import DatasetReader
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
     from lerobot_act_chunking.data.fast_chunks.dataset import FastChunkDataset
 
     if factory.LeRobotDataset not in (LeRobotDataset, FastChunkDataset):
         return f"LeRobot's dataset factory already builds {factory.LeRobotDataset.__qualname__}"
-    if hasattr(LeRobotDataset, "__getitems__"):
-        return "LeRobotDataset has a __getitems__ of its own"
-    used = {
-        LeRobotDataset.__init__: ("reader", "writer"),
-        DatasetReader.__init__: ("hf_dataset", "delta_indices", "_absolute_to_relative_idx", "_meta"),
-        DatasetReader.get_item: ("hf_dataset", "delta_indices", "_query_hf_dataset", "_get_query_timestamps"),
-        Dataset.__init__: ("_format_kwargs",),
-    }
-    for function, names in used.items():
-        for name in names:
-            if name not in function.__code__.co_names:
-                return f"{function.__qualname__} has no {name}"
     return None

@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING
 
+from lerobot_act_chunking.compat import check_rtc_mode
 from lerobot_act_chunking.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ def check(config: "DiffusionChunkedConfig") -> None:
     _check_sampling(config)
     _check_warm_start(config)
     _check_guidance(config)
+    check_rtc_mode(config.rtc_config, learned_prefixes=config.warm_start == "prefix")
 
 
 def _check_horizon(config: "DiffusionChunkedConfig") -> None:

@@ -6,6 +6,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
+from lerobot_act_chunking.compat import check_rtc_mode
 from lerobot_act_chunking.data.batch import ActionTarget, Observation
 from lerobot_act_chunking.data.masking import hold_padding, per_sample_error
 from lerobot_act_chunking.errors import ConfigurationError
@@ -245,6 +246,10 @@ class DiffusionChunkedPolicy(ChunkedPolicy[DiffusionChunkedConfig, DiffusionNetw
         config = self.config
         by_guidance = config.objective != "two_step"  # whose first pass has nothing to guide
         return config.timing.past_steps == 0 and (by_guidance or config.warm_start == "prefix")
+
+    def init_rtc_processor(self) -> None:
+        """Refuse a mode that was not learned; LeRobot calls this when it has set ``rtc_config``."""
+        check_rtc_mode(self.config.rtc_config, learned_prefixes=self.config.warm_start == "prefix")
 
     def _get_default_peft_targets(self) -> dict[str, Any]:
         """Adapt the linear layers inside the denoiser, train its last one."""

@@ -9,13 +9,14 @@ from lerobot.policies.factory import get_policy_class
 from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor
 
+from lerobot_act_chunking import compat
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.executor import ChunkExecutor
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.heads.action_head import at_least_single
-from lerobot_act_chunking.hub.card import extend_card
 from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.chunked_policy import ChunkedPolicy, indices
+from lerobot_act_chunking.policies.model_card import WithModelCard
 from lerobot_act_chunking.policies.short_episodes import limit_execution
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
     TemporalEnsembleConfig,
@@ -26,7 +27,7 @@ from lerobot_act_chunking.policies.temporal_ensemble.observations import Batch, 
 RTC_ARGUMENTS = ("inference_delay", "prev_chunk_left_over")
 
 
-class TemporalEnsemblePolicy(PreTrainedPolicy):
+class TemporalEnsemblePolicy(WithModelCard, PreTrainedPolicy):
     """Executes the chunks of an inner policy as its settings say; everything else is the inner policy's.
 
     Batches are the inner policy's, normalised by its own processors. None is ever changed.
@@ -130,7 +131,7 @@ class TemporalEnsemblePolicy(PreTrainedPolicy):
         if envs is not None and isinstance(self.inner, ChunkedPolicy):
             kwargs["envs"] = envs.repeat(n_samples)
         observations = self._observations.for_prediction(batch, envs, n_samples)
-        return at_least_single(self.inner.predict_action_chunk(observations, **kwargs))
+        return at_least_single(compat.action_of(self.inner.predict_action_chunk(observations, **kwargs)))
 
     def reset(
         self, envs: Sequence[int] | Tensor | None = None, *, episode_seeds: Sequence[int] | None = None
@@ -172,6 +173,14 @@ class TemporalEnsemblePolicy(PreTrainedPolicy):
         if initialise is not None:
             initialise()
 
+    def supports_text_generation(self) -> bool:
+        """Whether the inner policy answers questions (LeRobot 0.7)."""
+        return compat.answers_questions(self.inner)
+
+    def generate_text(self, batch: Batch) -> str:
+        """The inner policy's answer to the question in ``batch``."""
+        return self.inner.generate_text(private(batch))  # pyright: ignore[reportCallIssue]
+
     def update(self) -> None:
         """Let the inner policy follow its weights; LeRobot calls this after every optimiser step."""
         update = getattr(self.inner, "update", None)
@@ -181,11 +190,6 @@ class TemporalEnsemblePolicy(PreTrainedPolicy):
     def get_optim_params(self) -> Any:
         """The inner policy's parameters for the optimiser."""
         return self.inner.get_optim_params()
-
-    def generate_model_card(self, *args: Any, dataset_meta: Any | None = None, **kwargs: Any) -> Any:
-        """LeRobot's model card, plus what this policy reads and how it acts."""
-        card = super().generate_model_card(*args, dataset_meta=dataset_meta, **kwargs)
-        return extend_card(card, self.config, fps=None if dataset_meta is None else dataset_meta.fps)
 
 
 def _build_inner(

@@ -12,6 +12,7 @@ from lerobot.policies.factory import make_pre_post_processors
 from lerobot.utils.constants import OBS_ENV_STATE, OBS_STATE
 from torch import Tensor
 
+from lerobot_act_chunking.compat import action_of
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
 from lerobot_act_chunking.policies.act_chunked.importing.formats import ActCheckpoint, read_checkpoint
@@ -169,7 +170,7 @@ def compare(checkpoint: ActCheckpoint, ours: ActChunkedPolicy) -> float:
     theirs = ACTPolicy(replace(checkpoint.config, pretrained_backbone_weights=None))
     theirs.load_state_dict(checkpoint.weights, strict=True)
     batch = _random_batch(checkpoint.config)
-    expected = theirs.eval().predict_action_chunk(batch)
+    expected = action_of(theirs.eval().predict_action_chunk(batch))
     actual = ours.predict_action_chunk(batch)
     difference = (actual - expected).abs().max().item()
     if not difference <= TOLERANCE * max(1.0, expected.abs().max().item()):
