@@ -48,32 +48,33 @@ def test_an_environment_that_is_reset_has_no_history():
     policy = shaken(n_obs_steps=2, execution="open_loop", n_action_steps=1)
     first, second = observation(1), observation(2)
     policy.select_action(first)
-    policy.reset([1])
+    policy.reset([1], episode_seeds=[5])
     actions = policy.select_action(second)
     fresh = shaken(n_obs_steps=2, execution="open_loop", n_action_steps=1)
+    fresh.reset(episode_seeds=[4, 5, 6])
     torch.testing.assert_close(actions[1], fresh.select_action(second)[1])
 
 
 def test_chunks_that_begin_in_the_past_are_executed_from_now_on():
     settings = {"n_obs_steps": 3, "align": "first_obs", "execution": "open_loop", "clip_sample": False}
     policy = shaken(**settings)
+    policy.reset(episode_seeds=range(B))
     seen = observation(shape=(3, 6))
     chunk = policy.predict_action_chunk(seen)
     assert chunk.shape == (B, HORIZON - 2, A)
-    policy.reset()
     policy.config.align, policy.config.n_action_steps = "current", HORIZON
-    policy.reset()
+    policy.reset(episode_seeds=range(B))
     torch.testing.assert_close(policy.predict_action_chunk(seen)[:, 2:], chunk)
 
 
 def test_strided_chunks_pass_through_the_predictions():
     policy = shaken(chunk_stride=3)
+    policy.reset(episode_seeds=range(B))
     chunk = policy.predict_action_chunk(observation())
     assert chunk.shape == (B, 7 * 3 + 1, A)
-    policy.reset()
     policy.config.chunk_stride = 1
     policy.config.n_action_steps = HORIZON
-    policy.reset()
+    policy.reset(episode_seeds=range(B))
     torch.testing.assert_close(policy.predict_action_chunk(observation()), chunk[:, ::3])
 
 
@@ -173,11 +174,13 @@ def test_sdedit_starts_afresh_where_there_is_no_plan():
     policy = shaken(warm_start="sdedit", replan_interval=2, execution="receding")
     for _ in range(2):
         policy.select_action(observation())
-    policy.reset([1])
+    policy.reset([1], episode_seeds=[5])
     actions = policy.select_action(observation(2))
     fresh = shaken(warm_start="sdedit", replan_interval=2, execution="receding")
-    torch.testing.assert_close(actions[1], fresh.select_action(observation(2))[1])
-    assert not torch.allclose(actions[0], fresh.reset() or fresh.select_action(observation(2))[0])
+    fresh.reset(episode_seeds=[4, 5, 6])
+    expected = fresh.select_action(observation(2))
+    torch.testing.assert_close(actions[1], expected[1])
+    assert not torch.allclose(actions[0], expected[0])
 
 
 @pytest.mark.parametrize("mode", [torch.no_grad, torch.inference_mode, torch.enable_grad])

@@ -40,7 +40,8 @@ def test_open_loop_is_the_bare_policy_bit_for_bit(case):
 def test_reset_equals_fresh(case):
     used, fresh = case.wrapped(replan_interval=2), case.wrapped(replan_interval=2)
     act(used, case, 3, first=50)
-    used.reset()
+    for policy in (used, fresh):
+        policy.reset(episode_seeds=range(3))
     assert torch.equal(act(used, case, 7), act(fresh, case, 7))
 
 
@@ -98,12 +99,14 @@ def test_environments_are_reset_and_replanned_alone(case, monkeypatch):
     without_randomness(case, monkeypatch)
     together, other = case.wrapped(replan_interval=2), case.wrapped(replan_interval=2)
     assert torch.equal(act(together, case, 3), act(other, case, 3))
-    together.reset([1])
+    together.reset([1], episode_seeds=[5])
     asked = record_batch_sizes(together)
     after = act(together, case, 4, first=3)
     undisturbed = act(other, case, 4, first=3)
     assert torch.allclose(after[:, [0, 2]], undisturbed[:, [0, 2]], rtol=0, atol=1e-4)
-    fresh = act(case.wrapped(replan_interval=2), case, 4, first=3)
+    alone = case.wrapped(replan_interval=2)
+    alone.reset(episode_seeds=[4, 5, 6])
+    fresh = act(alone, case, 4, first=3)
     assert torch.allclose(after[:, 1], fresh[:, 1], rtol=0, atol=1e-4)
     assert not torch.allclose(after[:, 1], undisturbed[:, 1], rtol=0, atol=1e-3)
     assert asked == [1, 2, 1, 2]
