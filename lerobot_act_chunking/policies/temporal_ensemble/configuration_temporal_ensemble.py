@@ -33,6 +33,7 @@ class TemporalEnsembleConfig(ExecutionFields, PreTrainedConfig):
     Attributes:
         inner_path: checkpoint folder or repo id of the inner policy.
         inner: its ``type`` and any of its settings, as in ``{type: act, chunk_size: 50}``.
+        n_obs_steps: observations that the inner policy sees; one of its own settings.
         n_action_steps: how many of a chunk's first actions may be used [control steps]; by default all.
         execution: how chunks become actions; this and the other fields of execution (``replan_interval``,
             ``latency_steps``, ``temporal_ensemble_coeff``, ...) are those of `ExecutionSettings`.
@@ -44,6 +45,7 @@ class TemporalEnsembleConfig(ExecutionFields, PreTrainedConfig):
     inner_path: str | None = None
     # Not typed as PreTrainedConfig: draccus would expand the registry within itself for ever.
     inner: dict[str, Any] | None = None
+    n_obs_steps: int = None  # pyright: ignore[reportAssignmentType]  (the inner policy's, on construction)
     n_action_steps: int | None = None
     execution: Mode = "ensemble"
 
@@ -69,7 +71,7 @@ class TemporalEnsembleConfig(ExecutionFields, PreTrainedConfig):
 
     def _adopt_observation_steps(self) -> None:
         inner, steps = self._inner_config.type, self._inner_config.n_obs_steps
-        if self.n_obs_steps not in (1, steps):
+        if self.n_obs_steps not in (None, steps):
             raise ConfigurationError(
                 f"n_obs_steps={self.n_obs_steps}: the inner {inner} observes {steps} steps; that is one of "
                 "its own settings"
