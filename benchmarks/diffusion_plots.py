@@ -6,6 +6,7 @@ reads benchmarks/results/diffusion_*.json, draws docs/images/diffusion_steps.png
 Markdown.
 """
 
+import argparse
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +17,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from policy_study import HEADER, Cell, Run, row
 
-RESULTS = Path("benchmarks/results")
 COLORS = {
     "euler": "tab:blue",
     "midpoint": "tab:cyan",
@@ -32,8 +32,8 @@ GROUPS = {
 }
 
 
-def read(study: str) -> list[Cell]:
-    path = RESULTS / f"diffusion_{study}.json"
+def read(results: Path, study: str) -> list[Cell]:
+    path = results / f"diffusion_{study}.json"
     return [Cell(**each) for each in json.loads(path.read_text())] if path.exists() else []
 
 
@@ -87,12 +87,18 @@ def print_table(cells: list[Cell]) -> None:
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--results", type=Path, default=Path("benchmarks/results"))
+    parser.add_argument("--images", type=Path, default=Path("docs/images"))
+    args = parser.parse_args()
     for study in STUDIES:
-        cells = read(study)
+        cells = read(args.results, study)
         print(f"\n### {study}\n")
         print_table(cells)
         if study == "steps" and cells:
-            draw_steps(cells, Path("docs/images/diffusion_steps.png"))
+            draw_steps(cells, args.images / "diffusion_steps.png")
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ reads benchmarks/results/fetch_*.json, draws docs/images/fetch_execution.png and
 Markdown.
 """
 
+import argparse
 import json
 from pathlib import Path
 
@@ -24,8 +25,8 @@ FIRST_UNTOUCHED = 1100
 POOLED_HEADER = ["task", "policy", "success over training seeds", f"from episode {FIRST_UNTOUCHED} on"]
 
 
-def read(study: str) -> list[Cell]:
-    path = Path(f"benchmarks/results/fetch_{study}.json")
+def read(results: Path, study: str) -> list[Cell]:
+    path = results / f"fetch_{study}.json"
     return [Cell(**each) for each in json.loads(path.read_text())] if path.exists() else []
 
 
@@ -72,14 +73,20 @@ def draw_execution(cells: list[Cell], path: Path) -> None:
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--results", type=Path, default=Path("benchmarks/results"))
+    parser.add_argument("--images", type=Path, default=Path("docs/images"))
+    args = parser.parse_args()
     for study in STUDIES:
-        cells = read(study)
+        cells = read(args.results, study)
         print(f"\n### {study}\n")
         print(markdown(list(HEADER), [row(cell) for cell in cells]))
         if study != "execution":
             print("\n" + markdown(POOLED_HEADER, pooled(cells)))
         if study == "execution" and cells:
-            draw_execution(cells, Path("docs/images/fetch_execution.png"))
+            draw_execution(cells, args.images / "fetch_execution.png")
 
 
 if __name__ == "__main__":

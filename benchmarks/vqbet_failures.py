@@ -5,6 +5,7 @@
 reads benchmarks/results/vqbet_recipe.json and the recording of `insertion`.
 """
 
+import argparse
 import json
 from pathlib import Path
 
@@ -16,15 +17,16 @@ from execution_study import FIRST_SEED
 import lerobot_act_chunking  # noqa: F401  (registers aloha_sim)
 from lerobot_act_chunking.envs.configuration_envs import AlohaSimEnvConfig
 
-RECORDING = Path("outputs/benchmarks/quickstart/insertion/dataset/data")
-RESULTS = Path("benchmarks/results/vqbet_recipe.json")
+RECORDINGS = Path("outputs/benchmarks/quickstart")
 PLACES = [0, 1, 7, 8]
 """Of the environment state: x and y of both objects [m]."""
 
 
-def demonstrated() -> np.ndarray:
+def demonstrated(recordings: Path) -> np.ndarray:
     """Where the objects lie when demonstrations begin, (N, 4)."""
-    table = pq.read_table(RECORDING, columns=["frame_index", "observation.environment_state"])
+    table = pq.read_table(
+        recordings / "insertion/dataset/data", columns=["frame_index", "observation.environment_state"]
+    )
     states = np.stack(table["observation.environment_state"].to_numpy())
     return states[np.array(table["frame_index"]) == 0][:, PLACES]
 
@@ -38,12 +40,19 @@ def evaluated(episodes: int) -> np.ndarray:
 
 
 def main() -> None:
-    cells = [cell for cell in json.loads(RESULTS.read_text()) if cell["run"]["task"] == "insertion"]
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--results", type=Path, default=Path("benchmarks/results"))
+    parser.add_argument("--recordings", type=Path, default=RECORDINGS)
+    args = parser.parse_args()
+    results = json.loads((args.results / "vqbet_recipe.json").read_text())
+    cells = [cell for cell in results if cell["run"]["task"] == "insertion"]
     episodes = cells[0]["episodes"]
     failed = np.zeros(episodes, dtype=int)
     for cell in cells:
         failed[np.array(cell["failed_seeds"], dtype=int) - FIRST_SEED] += 1
-    starts, demos = evaluated(episodes), demonstrated()
+    starts, demos = evaluated(episodes), demonstrated(args.recordings)
     beyond = ((starts < demos.min(0)) | (starts > demos.max(0))).any(1)
     for name, group in (("beyond the demonstrations' range", beyond), ("within it", ~beyond)):
         print(f"{name}: {failed[group].sum()} failures in {len(cells) * group.sum()} episodes")
