@@ -2,7 +2,8 @@
 chunks, the local hub if there is one, and model cards.
 
 LeRobot imports the installed module ``lerobot_policy_act_chunking`` (a copy of ``_lerobot_plugin.py``), which
-imports this one. Only configurations are imported here; LeRobot finds the rest by module name.
+imports this one. Policies and environments are registered by their configurations and what these need; the
+networks, the simulations and the instruments are imported when they are used, LeRobot's way: by module name.
 """
 
 import lerobot_act_chunking.envs.configuration_envs

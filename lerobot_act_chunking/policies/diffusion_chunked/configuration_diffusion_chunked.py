@@ -188,7 +188,7 @@ class DiffusionChunkedConfig(ChunkedConfig):
 
     @property
     def process_settings(self) -> dict[str, Any]:
-        """What the noising process is made from (`sampling.process.make_process`)."""
+        """What the noising process is made from (`samplers.make_process`)."""
         if self.objective == "ddpm":
             names = ("num_train_timesteps", "beta_schedule", "beta_start", "beta_end", "prediction_type")
         elif self.objective == "flow":
