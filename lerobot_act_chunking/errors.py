@@ -1,6 +1,8 @@
 """The package's errors: each message names the offending value and the way out."""
 
+import importlib
 from collections.abc import Iterable
+from typing import Any
 
 
 class ActChunkingError(Exception):
@@ -29,3 +31,22 @@ class DatasetError(ActChunkingError):
 def unknown_choice(what: str, value: object, choices: Iterable[str]) -> ConfigurationError:
     """The error for a name outside its allowed set, with the set spelled out."""
     return ConfigurationError(f"unknown {what} {value!r}; choose one of: {', '.join(choices)}")
+
+
+def need(module: str, asked: str, requirement: str) -> Any:
+    """Import a part of the installation that may be missing.
+
+    Args:
+        module: to import.
+        asked: the setting that needs it, as ``vision_backbone=efficientnet_lite0``.
+        requirement: what pip installs it by.
+
+    Raises:
+        ConfigurationError: with the command that installs it.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise ConfigurationError(
+            f"{asked} needs {error.name or module}: pip install '{requirement}'"
+        ) from error

@@ -2,6 +2,7 @@
 
 import ast
 import importlib
+import itertools
 import re
 from pathlib import Path
 
@@ -58,7 +59,7 @@ def test_links_lead_somewhere(page):
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_heading_stands_alone(page):
     lines = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.M | re.S).splitlines()
-    glued = [line for before, line in zip(lines, lines[1:], strict=False) if line.startswith("#") and before]
+    glued = [line for before, line in itertools.pairwise(lines) if line.startswith("#") and before]
     assert glued == []
 
 
@@ -71,7 +72,7 @@ def docstrings(module):
 
 def resolves(dotted, folder):
     """Whether a name means something, seen from the package or from the folder of who says it."""
-    for prefix in (PACKAGE.name, ".".join(folder.relative_to(ROOT).parts)):
+    for prefix in (PACKAGE.name, "torch", ".".join(folder.relative_to(ROOT).parts)):
         parts = [*prefix.split("."), *dotted.split(".")]
         for n_modules in range(len(parts), len(prefix.split(".")), -1):
             try:

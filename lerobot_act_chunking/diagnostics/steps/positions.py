@@ -49,8 +49,8 @@ class AlohaGraspPoints:
     """The points between the fingertips of ALOHA's two arms, from joint targets, by forward kinematics [mm].
 
     Link poses and axes are read from gym-aloha's MuJoCo model. The closed form of the experts
-    (`envs.experts.kinematics`) presumes that the forearm does not roll, which policies do not know; it says
-    where on the last link the grasp point sits. How far the grippers are open does not count.
+    (`envs.aloha.experts.kinematics`) presumes that the forearm does not roll, which policies do not know; it
+    says where on the last link the grasp point sits. How far the grippers are open does not count.
     """
 
     names: Sequence[str] = tuple(f"{side} gripper" for side in _SIDES)

@@ -6,9 +6,10 @@ from typing import Any
 
 import gymnasium as gym
 
-from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.errors import ConfigurationError, need
 
-INSTALL = "pip install 'gymnasium-robotics>=1.4,<2'"
+REQUIREMENT = "gymnasium-robotics>=1.4,<2"
+INSTALL = f"pip install '{REQUIREMENT}'"
 
 
 def make_original(task: str) -> Any:
@@ -17,7 +18,7 @@ def make_original(task: str) -> Any:
     Raises:
         ConfigurationError: gymnasium-robotics, the task or one of its files is not installed.
     """
-    _register()
+    _register(task)
     try:
         return gym.make(task, max_episode_steps=-1, disable_env_checker=True).unwrapped
     except gym.error.Error as error:
@@ -28,13 +29,8 @@ def make_original(task: str) -> Any:
         ) from error
 
 
-def _register() -> None:
+def _register(task: str) -> None:
     # Its import registers the ids, and prints a note on the dense rewards of Adroit in release 1.2 at every
     # command and in every worker; docs/robotics.md says it once.
-    try:
-        with redirect_stderr(StringIO()):
-            import gymnasium_robotics  # noqa: F401
-    except ImportError as error:
-        raise ConfigurationError(
-            f"the {error.name or 'gymnasium_robotics'} package is missing: {INSTALL}"
-        ) from error
+    with redirect_stderr(StringIO()):
+        need("gymnasium_robotics", task, REQUIREMENT)

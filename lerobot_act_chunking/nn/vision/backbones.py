@@ -2,7 +2,7 @@
 
 from torch import nn
 
-from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
+from lerobot_act_chunking.errors import ConfigurationError, need, unknown_choice
 from lerobot_act_chunking.nn.vision import timm_models, torchvision_models
 from lerobot_act_chunking.nn.vision.layers import BackboneNorm
 from lerobot_act_chunking.nn.vision.small_cnn import SmallCnn
@@ -25,6 +25,8 @@ def check_backbone(name: str, weights: str | None) -> None:
         timm_models.check_timm(name.removeprefix(timm_models.PREFIX))
     elif name not in NAMES:
         raise unknown_choice("vision_backbone", name, (*NAMES, "timm:<name of a timm model>"))
+    if name == timm_models.LITE:
+        need("timm", f"vision_backbone={name}", timm_models.VISION)
     if name == SMALL_CNN and weights is not None:
         raise ConfigurationError(
             f"pretrained_backbone_weights={weights}: there are none for vision_backbone={SMALL_CNN}, set null"

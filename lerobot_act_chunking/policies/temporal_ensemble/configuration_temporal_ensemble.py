@@ -11,8 +11,8 @@ from lerobot.optim import LRSchedulerConfig, OptimizerConfig
 
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.settings import ExecutionSettings, Mode
-from lerobot_act_chunking.hub.preflight import check_push
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields
+from lerobot_act_chunking.policies.push_check import ChecksPush
 from lerobot_act_chunking.policies.temporal_ensemble.inner import (
     DETERMINISTIC,
     chunk_length,
@@ -23,7 +23,7 @@ from lerobot_act_chunking.policies.temporal_ensemble.inner import (
 
 @PreTrainedConfig.register_subclass("temporal_ensemble")
 @dataclass
-class TemporalEnsembleConfig(ExecutionFields, PreTrainedConfig):
+class TemporalEnsembleConfig(ExecutionFields, ChecksPush):
     """Chunk execution over another policy, the inner one: everything but execution is the inner policy's.
 
     Name the inner policy by ``inner_path`` or describe it by ``inner``. On construction both become the full
@@ -129,16 +129,8 @@ class TemporalEnsembleConfig(ExecutionFields, PreTrainedConfig):
         """Check the inputs and outputs as the inner policy does."""
         self.inner_config.validate_features()
 
-    def get_optimizer_preset(self) -> OptimizerConfig:
-        """The inner policy's.
-
-        LeRobot asks for it when a fresh run starts, and only then; so this is also where a run whose push at
-        the end cannot succeed is refused.
-
-        Raises:
-            ConfigurationError: naming the ways out, if the run would push and nothing could take the push.
-        """
-        check_push(self)
+    def training_optimizer(self) -> OptimizerConfig:
+        """The inner policy's."""
         return self.inner_config.get_optimizer_preset()
 
     def get_scheduler_preset(self) -> LRSchedulerConfig | None:

@@ -1,0 +1,90 @@
+"""What the package imports is what it declares, with floors that it was seen to work with."""
+
+import ast
+import sys
+import tomllib
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "lerobot_act_chunking"
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+DISTRIBUTIONS = metadata.packages_distributions()
+NEVER_IMPORTED = {"gym-aloha"}  # its models are read
+
+
+def requirements(lines):
+    return {canonicalize_name(each.name): each for each in map(Requirement, lines)}
+
+
+DECLARED = requirements(PROJECT["project"]["dependencies"])
+OPTIONAL = requirements(
+    line for extra in PROJECT["project"]["optional-dependencies"].values() for line in extra
+)
+TESTED_WITH = requirements(PROJECT["tool"]["uv"]["constraint-dependencies"])
+
+
+def imported_names(tree):
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+            yield node.module
+        elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "need":
+            yield from (arg.value for arg in node.args[:1] if isinstance(arg, ast.Constant))
+
+
+def third_party(files):
+    """Distributions that these files import, each with one of the files."""
+    found = {}
+    for file in files:
+        for name in imported_names(ast.parse(file.read_text())):
+            top = name.split(".")[0]
+            if top not in sys.stdlib_module_names and top != PACKAGE.name:
+                assert top in DISTRIBUTIONS, f"{file} imports {top}, which no distribution here has"
+                found[canonicalize_name(DISTRIBUTIONS[top][0])] = file.relative_to(ROOT)
+    return found
+
+
+IMPORTED = third_party(PACKAGE.rglob("*.py"))
+
+
+def test_every_import_is_declared():
+    missing = {name: str(file) for name, file in IMPORTED.items() if name not in DECLARED | OPTIONAL}
+    assert missing == {}
+
+
+def test_everything_declared_is_imported():
+    assert (DECLARED | OPTIONAL).keys() - NEVER_IMPORTED == IMPORTED.keys()
+
+
+def test_optional_packages_are_imported_only_where_they_are_needed():
+    for file in PACKAGE.rglob("*.py"):
+        top_level = ast.Module(
+            [
+                node
+                for node in ast.parse(file.read_text()).body
+                if isinstance(node, ast.Import | ast.ImportFrom)
+            ],
+            [],
+        )
+        names = {name.split(".")[0] for name in imported_names(top_level)}
+        optional = {name for name in names if canonicalize_name(DISTRIBUTIONS.get(name, [""])[0]) in OPTIONAL}
+        assert not optional, file
+
+
+@pytest.mark.parametrize("name", sorted((DECLARED | OPTIONAL).keys() & TESTED_WITH.keys()))
+def test_the_tested_version_is_supported(name):
+    (pin,) = TESTED_WITH[name].specifier
+    assert pin.version in (DECLARED | OPTIONAL)[name].specifier
+
+
+def test_floors_below_which_the_package_does_not_work():
+    """1.29 knows no ``diveq`` and 1.30.0 no ``route_gradients_to_input``; every argument is set."""
+    vector_quantize = DECLARED["vector-quantize-pytorch"].specifier
+    assert "1.30.0" not in vector_quantize
+    assert "1.30.1" in vector_quantize
