@@ -16,6 +16,7 @@ from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.errors import ConfigurationError, FeatureError, unknown_choice
 from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.nn.vision import check_backbone
+from lerobot_act_chunking.policies.dataset_reading import DatasetReading
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields
 from lerobot_act_chunking.policies.given_settings import GivenSettings
 from lerobot_act_chunking.policies.push_check import ChecksPush
@@ -27,7 +28,7 @@ IN_SECONDS = ("prediction_dt", "horizon_s", "replan_s")
 
 
 @dataclass
-class ChunkedConfig(ExecutionFields, GivenSettings, ChecksPush):
+class ChunkedConfig(DatasetReading, ExecutionFields, GivenSettings, ChecksPush):
     """Settings of every policy that predicts chunks from any mix of state vectors and cameras.
 
     Lengths may be given in seconds instead of control steps. A configuration cannot see the dataset, so
@@ -218,7 +219,7 @@ class ChunkedConfig(ExecutionFields, GivenSettings, ChecksPush):
         inputs = self.input_features or {}
         order = {FeatureType.STATE: 0, FeatureType.ENV: 1}
         vectors = sorted(
-            (key for key, feature in inputs.items() if feature.type in order and self._reads(key)),
+            (key for key, feature in inputs.items() if feature.type in order and self.reads(key, feature)),
             key=lambda key: (order[inputs[key].type], key != OBS_STATE, key),
         )
         if self.action_feature is None:
@@ -228,11 +229,6 @@ class ChunkedConfig(ExecutionFields, GivenSettings, ChecksPush):
             images={key: tuple(feature.shape) for key, feature in self.image_features.items()},
             action=tuple(self.action_feature.shape),
         )
-
-    def _reads(self, key: str) -> bool:
-        """Whether the policy reads this vector."""
-        is_state = (self.input_features or {})[key].type is FeatureType.STATE
-        return not is_state or self.state_keys is None or key in self.state_keys
 
     def validate_features(self) -> None:
         """Check the inputs and outputs that LeRobot filled in from the dataset or the environment.

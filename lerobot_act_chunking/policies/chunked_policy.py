@@ -19,7 +19,7 @@ from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
 from lerobot_act_chunking.policies.model_card import WithModelCard
 from lerobot_act_chunking.policies.short_episodes import fit_to_episodes
-from lerobot_act_chunking.policies.statistics import check_finite
+from lerobot_act_chunking.policies.statistics import check_statistics
 from lerobot_act_chunking.sampling.episodes import Episodes
 
 FUSED_ADAMW_DEVICES = ("cpu", "cuda", "mps")
@@ -65,12 +65,14 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
     ):
         super().__init__(config)
         config.validate_features()
+        config.keep_what_is_read()
         if dataset_meta is not None and dataset_meta.episodes is not None:
+            config.check_dataset(dataset_meta.features, dataset_meta)
             config.check_fps(dataset_meta.fps)
             longest = max(dataset_meta.episodes["length"])
             fit_to_episodes(config, longest, weights_follow=not load_backbone_weights)
         if dataset_stats is not None:
-            check_finite(config, dataset_stats)
+            check_statistics(config, dataset_stats)
         self.config = config
         self.feature_spec = config.feature_spec
         self.model = self._build(config.pretrained_backbone_weights if load_backbone_weights else None)

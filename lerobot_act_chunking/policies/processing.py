@@ -1,11 +1,12 @@
 """Processors of this package's policies: LeRobot's own steps over statistics with a least spread."""
 
+import copy
 from typing import Any
 
 from lerobot.processor import PolicyAction, PolicyProcessorPipeline, make_default_pre_post_processors
 
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
-from lerobot_act_chunking.policies.statistics import check_finite, floored_statistics
+from lerobot_act_chunking.policies.statistics import check_statistics, floored_statistics
 
 Processors = tuple[
     PolicyProcessorPipeline[dict[str, Any], dict[str, Any]],
@@ -24,9 +25,11 @@ def make_processors(
     changes that.
 
     Raises:
-        DatasetError: if a statistic is missing or not finite.
+        DatasetError: if a statistic is missing, not finite, or no spread.
     """
+    config = copy.copy(config)
+    config.keep_what_is_read()
     if dataset_stats is not None:
-        check_finite(config, dataset_stats)
+        check_statistics(config, dataset_stats)
         dataset_stats = floored_statistics(config, dataset_stats, config.norm_std_floor)
     return make_default_pre_post_processors(config, dataset_stats, normalizer_device=config.device)

@@ -1,10 +1,12 @@
-"""Dataset statistics fit for normalisation: finite, complete, and with a least spread."""
+"""Dataset statistics fit for normalisation: complete, sound, and with a least spread."""
 
+import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import torch
-from lerobot.configs import NormalizationMode, PolicyFeature
+from lerobot.configs import FeatureType, NormalizationMode, PolicyFeature
 from torch import Tensor
 
 from lerobot_act_chunking.errors import DatasetError
@@ -20,6 +22,10 @@ class NormalizingConfig(Protocol):
     normalization_mapping: dict[str, NormalizationMode]
 
 
+RECOMPUTE = (
+    "Make a copy of the dataset with new statistics: lerobot-edit-dataset --operation.type=recompute_stats "
+    "(with its --repo_id and --root)"
+)
 NEEDED = {
     NormalizationMode.MEAN_STD: ("mean", "std"),
     NormalizationMode.MIN_MAX: ("min", "max"),
@@ -28,18 +34,61 @@ NEEDED = {
 }
 
 
-def check_finite(config: NormalizingConfig, stats: Statistics) -> None:
-    """Refuse statistics of the policy's features that a NaN or an infinity in the dataset has spoiled.
+@dataclass
+class Normalised:
+    """The part of a policy's configuration that normalisation reads, of chosen features."""
+
+    input_features: dict[str, PolicyFeature] | None
+    output_features: dict[str, PolicyFeature] | None
+    normalization_mapping: dict[str, NormalizationMode]
+
+
+def check_statistics(config: NormalizingConfig, stats: Statistics) -> None:
+    """Refuse statistics of the policy's features that nothing can be normalised by.
+
+    Only those that the normalisation in use divides by or subtracts are looked at; those that are absent are
+    for `floored_statistics` to refuse.
 
     Raises:
-        DatasetError: naming the feature and the statistic.
+        DatasetError: naming the feature, the statistic and what is wrong with it.
     """
-    for key in _features(config):
-        for name, value in stats.get(key, {}).items():
-            if not torch.isfinite(torch.as_tensor(value)).all():
-                raise DatasetError(
-                    f"statistic {name!r} of {key!r} is {value}: the dataset holds a NaN or an infinity"
-                )
+    features = _features(config)
+    for key, names in needed_statistics(config).items():
+        given = stats.get(key, {})
+        numbers = {name: _numbers(key, name, given[name]) for name in names if name in given}
+        for name, value in numbers.items():
+            _check_size(key, name, value, features[key])
+        if "std" in numbers and (numbers["std"] < 0).any():
+            raise DatasetError(f"statistic 'std' of {key!r} is {given['std']}: a spread below 0. {RECOMPUTE}")
+        if len(numbers) == 2 and "std" not in numbers and (numbers[names[0]] > numbers[names[1]]).any():
+            low, high = (f"{name!r} of {key!r} is {given[name]}" for name in names)
+            raise DatasetError(f"statistic {low}, above {high}. {RECOMPUTE}")
+
+
+def _numbers(key: str, name: str, value: Any) -> Tensor:
+    """A statistic as finite real numbers."""
+    try:
+        numbers = torch.as_tensor(value)
+    except (TypeError, ValueError, RuntimeError):
+        numbers = None
+    if numbers is None or numbers.is_complex() or numbers.dtype == torch.bool:
+        raise DatasetError(f"statistic {name!r} of {key!r} is {value!r}: no real number. {RECOMPUTE}")
+    if not torch.isfinite(numbers).all():
+        raise DatasetError(
+            f"statistic {name!r} of {key!r} is {value}: the dataset holds a NaN or an infinity there, or did "
+            f"when they were computed. {RECOMPUTE}"
+        )
+    return numbers
+
+
+def _check_size(key: str, name: str, numbers: Tensor, feature: PolicyFeature) -> None:
+    """Refuse what LeRobot would silently spread over dimensions that it does not belong to."""
+    expected = math.prod(feature.shape)
+    if feature.type is not FeatureType.VISUAL and numbers.numel() != expected:
+        raise DatasetError(
+            f"statistic {name!r} of {key!r} has {numbers.numel()} numbers, but the policy has {expected} "
+            f"dimensions there. {RECOMPUTE}"
+        )
 
 
 def floored_statistics(
@@ -56,7 +105,7 @@ def floored_statistics(
         DatasetError: naming a feature without statistics, which LeRobot would silently leave as it is.
     """
     floored = {key: dict(values) for key, values in stats.items()}
-    for key, names in _needed_statistics(config).items():
+    for key, names in needed_statistics(config).items():
         if missing := set(names) - set(stats.get(key, ())):
             raise DatasetError(
                 f"the dataset has no {' or '.join(sorted(missing))} of {key!r} to normalise it by"
@@ -73,7 +122,8 @@ def _floored(values: Mapping[str, Any], names: tuple[str, str], floor: float) ->
     return dict(zip(names, (centre - half, centre + half), strict=True))
 
 
-def _needed_statistics(config: NormalizingConfig) -> dict[str, tuple[str, str]]:
+def needed_statistics(config: NormalizingConfig) -> dict[str, tuple[str, str]]:
+    """The two statistics that each of the policy's features is normalised by, if it is."""
     modes = config.normalization_mapping
     identity = NormalizationMode.IDENTITY
     needed = {key: modes.get(feature.type.value, identity) for key, feature in _features(config).items()}

@@ -23,7 +23,7 @@ LONG = [
 
 def trained(config, *lengths, **kwargs):
     """The policy that LeRobot would make to train on episodes of these lengths."""
-    meta = SimpleNamespace(episodes={"length": list(lengths)}, fps=10)
+    meta = SimpleNamespace(episodes={"length": list(lengths)}, fps=10, features={}, stats=None)
     return get_policy_class(config.type)(config, dataset_meta=meta, **kwargs)
 
 

@@ -1,3 +1,4 @@
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -6,7 +7,7 @@ import torch
 from lerobot.configs import FeatureType, NormalizationMode, PolicyFeature
 
 from lerobot_act_chunking.errors import DatasetError
-from lerobot_act_chunking.policies.statistics import check_finite, floored_statistics
+from lerobot_act_chunking.policies.statistics import check_statistics, floored_statistics
 
 STATS = {
     "observation.state": {"mean": np.array([1.0, 2.0]), "std": np.array([1e-4, 0.5]), "min": [0.0, 0.0]},
@@ -70,8 +71,37 @@ def test_missing_statistics_are_named():
 def test_spoiled_statistics_are_named(value):
     stats = {**STATS, "action": {**STATS["action"], "std": torch.tensor([1.0, value])}}
     with pytest.raises(DatasetError, match=r"statistic 'std' of 'action' is .*holds a NaN or an infinity"):
-        check_finite(config(), stats)
+        check_statistics(config(ACTION="MEAN_STD"), stats)
 
 
 def test_statistics_the_policy_does_not_use_may_be_anything():
-    check_finite(config(), STATS)
+    check_statistics(config(STATE="MEAN_STD"), STATS)
+    check_statistics(config(), {"action": {"mean": "unknown", "std": [-1.0, 0.5]}})
+
+
+@pytest.mark.parametrize(
+    ("mode", "values", "fault"),
+    [
+        ("MEAN_STD", {"std": [0.5, -1.0]}, "statistic 'std' of 'action' is [0.5, -1.0]: a spread below 0"),
+        ("MEAN_STD", {"std": [1j, 1.0]}, "statistic 'std' of 'action' is [1j, 1.0]: no real number"),
+        ("MEAN_STD", {"mean": "unknown"}, "statistic 'mean' of 'action' is 'unknown': no real number"),
+        (
+            "MEAN_STD",
+            {"mean": [[1.0], [1.0, 2.0]]},
+            "statistic 'mean' of 'action' is [[1.0], [1.0, 2.0]]: no",
+        ),
+        ("MEAN_STD", {"mean": None}, "statistic 'mean' of 'action' is None: no real number"),
+        ("MEAN_STD", {"mean": [1.0]}, "statistic 'mean' of 'action' has 1 numbers, but the policy has 2"),
+        (
+            "MIN_MAX",
+            {"min": [0.0, 9.0], "max": [1.0, 2.0]},
+            "'min' of 'action' is [0.0, 9.0], above 'max' of",
+        ),
+        ("QUANTILES", {"q01": [0.0, 9.0], "q99": [1.0, 2.0]}, "'q01' of 'action' is [0.0, 9.0], above 'q99'"),
+    ],
+)
+def test_statistics_that_nothing_can_be_normalised_by_are_named(mode, values, fault):
+    stats = {**STATS, "action": {**STATS["action"], **values}}
+    with pytest.raises(DatasetError, match=re.escape(fault)) as error:
+        check_statistics(config(ACTION=mode), stats)
+    assert "--operation.type=recompute_stats" in str(error.value)

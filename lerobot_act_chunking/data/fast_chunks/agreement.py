@@ -28,8 +28,11 @@ def differing_key(chunks: ChunkReader, reader: DatasetReader) -> str | None:
 
 def _items(chunks: ChunkReader, reader: DatasetReader, row: int) -> tuple[Item, Item]:
     rows = np.asarray([row])
-    if chunks.whole:
-        return dict(chunks.items(reader, rows)[0]), reader.get_item(row)
+    if chunks.whole and not reader._meta.camera_keys:
+        theirs = reader.get_item(row)
+        return dict(chunks.items(reader, rows)[0]), {
+            key: value for key, value in theirs.items() if key not in chunks.left_out
+        }
     table: Any = reader.hf_dataset
     theirs = {key: value for key, value in table[row].items() if key in chunks.columns}
     return {key: column.gather(rows)[0] for key, column in chunks.columns.items()}, theirs

@@ -1,6 +1,7 @@
 """LeRobot's items, gathered from columnar memory."""
 
 import copy
+from collections.abc import Collection
 from typing import Any
 
 import datasets
@@ -22,14 +23,23 @@ class ChunkReader:
     and what concerns cameras (decoding, transforms, depth units) through LeRobot's own ``get_item``, which is
     handed the gathered row in place of its table.
 
-    ``columns`` are the numeric columns by key; ``whole`` tells whether items need nothing but what is
-    gathered.
+    Args:
+        reader: LeRobot's.
+        left_out: cameras and columns without numbers that items need not hold.
+        columns: the numeric columns by key, if somebody has them already.
+
+    ``whole`` tells whether items need nothing but what is gathered.
     """
 
-    def __init__(self, reader: DatasetReader):
-        self._parts = _parts(reader)
+    def __init__(
+        self,
+        reader: DatasetReader,
+        left_out: Collection[str] = (),
+        columns: dict[str, Column] | None = None,
+    ):
+        self.left_out = frozenset(left_out)
         self._table: Any = reader.hf_dataset
-        self.columns = numeric_columns(self._table)
+        self.columns = numeric_columns(self._table) if columns is None else columns
         meta: Any = reader._meta
         self._windows = EpisodeWindows(
             np.asarray(meta.episodes["dataset_from_index"][:]),
@@ -37,21 +47,27 @@ class ChunkReader:
             reader._absolute_to_relative_idx,
         )
         self._tasks = meta.tasks.index.tolist()
-        self._keys = self._table.column_names
-        self._steps = {key: tuple(steps) for key, steps in (reader.delta_indices or {}).items()}
-        self._offsets = {steps: np.asarray(steps) for steps in self._steps.values()}
+        self._keys = [key for key in self._table.column_names if key not in self.left_out]
+        self._steps = {
+            key: tuple(steps)
+            for key, steps in (reader.delta_indices or {}).items()
+            if key not in self.left_out
+        }
+        self._offsets = {steps: np.asarray(steps, np.int64) for steps in self._steps.values()}
         slow = [key for key in self._keys if key not in self.columns]
         self._slow_keys = [key for key in slow if key not in self._steps]
         self._slow_rows = self._table.select_columns(self._slow_keys)
         self._slow_chunks = {key: self._table.select_columns([key]) for key in slow if key in self._steps}
-        self.whole = not meta.camera_keys and self._steps.keys() <= self.columns.keys()
+        cameras = set(meta.camera_keys) - self.left_out
+        self.whole = not cameras and self._steps.keys() <= self.columns.keys()
 
     def __len__(self) -> int:
         return len(self._table)
 
-    def is_current(self, reader: DatasetReader) -> bool:
-        """Whether nothing that the arrays were built from has been replaced since."""
-        return all(now is then for now, then in zip(_parts(reader), self._parts, strict=True))
+    def without_cameras(self, reader: DatasetReader) -> "ChunkReader":
+        """One that leaves all images out."""
+        cameras: list[str] = reader._meta.camera_keys
+        return ChunkReader(reader, self.left_out.union(cameras), self.columns)
 
     def items(self, reader: DatasetReader, rows: Int64[np.ndarray, " B"]) -> GatheredBatch | list[Item]:
         """What ``reader.get_item`` returns for each of these rows of its table."""
@@ -85,10 +101,24 @@ class ChunkReader:
         """Adds what only LeRobot's code provides: cameras, and chunks of columns that hold no numbers."""
         rest: Any = copy.copy(reader)
         rest.hf_dataset = GatheredRow(dict(item), self.columns["timestamp"], self._slow_chunks)
+        rest._meta = MetadataWithout(rest._meta, self.left_out)
         rest.delta_indices = {
             key: list(steps) for key, steps in self._steps.items() if key not in self.columns
         } or None
         return rest.get_item(item["index"])
+
+
+class MetadataWithout:
+    """LeRobot's metadata of a dataset, without some of its cameras."""
+
+    def __init__(self, meta: Any, left_out: frozenset[str]):
+        self._meta = meta
+        self._left_out = left_out
+
+    def __getattr__(self, name: str) -> Any:
+        value = getattr(self._meta, name)
+        cameras = name in ("camera_keys", "video_keys")
+        return [key for key in value if key not in self._left_out] if cameras else value
 
 
 class GatheredRow:
@@ -111,8 +141,8 @@ class GatheredRow:
         return self._item
 
 
-def _parts(reader: DatasetReader) -> tuple[object, ...]:
-    """Everything a ``ChunkReader`` is built from, to be compared by identity."""
+def parts(reader: DatasetReader) -> tuple[object, ...]:
+    """Everything a ``ChunkReader`` is built from; one is out of date when another object is in a place."""
     table, meta = reader.hf_dataset, reader._meta
     return (
         table,

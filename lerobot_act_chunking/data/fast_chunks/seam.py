@@ -43,6 +43,7 @@ def uninstall() -> None:
     if factory.LeRobotDataset is FastChunkDataset:
         factory.LeRobotDataset = lerobot_dataset.LeRobotDataset
         factory.make_dataset = inspect.unwrap(factory.make_dataset)
+        factory.resolve_delta_timestamps = inspect.unwrap(factory.resolve_delta_timestamps)
 
 
 def _replace() -> None:
@@ -50,10 +51,14 @@ def _replace() -> None:
 
     from lerobot_act_chunking.data.fast_chunks.checks import with_checks
     from lerobot_act_chunking.data.fast_chunks.dataset import FastChunkDataset
+    from lerobot_act_chunking.data.fast_chunks.reading import with_reading
 
     if factory.LeRobotDataset is not FastChunkDataset:
+        # All are found before one is replaced.
+        make_dataset = with_checks(factory.make_dataset)
+        resolve = with_reading(factory.resolve_delta_timestamps)
         factory.LeRobotDataset = FastChunkDataset
-        factory.make_dataset = with_checks(factory.make_dataset)
+        factory.make_dataset, factory.resolve_delta_timestamps = make_dataset, resolve
 
 
 def _misfit() -> str | None:

@@ -41,5 +41,7 @@ class EpisodeWindows:
 def _lookup(row_of_index: dict[int, int], size: int) -> Int64[np.ndarray, " frames"]:
     # A frame that was not loaded maps beyond every table: gathering it raises instead of wrapping around.
     rows = np.full(size, np.iinfo(np.int64).max)
-    rows[list(row_of_index)] = list(row_of_index.values())
+    index = np.fromiter(row_of_index, np.int64)
+    known = (index >= 0) & (index < size)  # no window reaches others
+    rows[index[known]] = np.fromiter(row_of_index.values(), np.int64)[known]
     return rows

@@ -24,7 +24,12 @@ from lerobot_act_chunking.data.masking import hold_padding
 from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
 from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.errors import DatasetError
-from lerobot_act_chunking.policies.statistics import NEEDED, check_finite, floored_statistics
+from lerobot_act_chunking.policies.statistics import (
+    NEEDED,
+    Normalised,
+    check_statistics,
+    floored_statistics,
+)
 
 
 @dataclass(frozen=True)
@@ -100,8 +105,8 @@ class ActionChunks:
         self.ranges = (demonstrations.actions.amax(0) - demonstrations.actions.amin(0)).tolist()
         self._needed = NEEDED.get(mode, ())
         actions = {ACTION: PolicyFeature(FeatureType.ACTION, (len(demonstrations.names),))}
-        config = _ActionsOnly({}, actions, {"ACTION": mode})
-        check_finite(config, demonstrations.stats)
+        config = Normalised({}, actions, {"ACTION": mode})
+        check_statistics(config, demonstrations.stats)
         self._stats = floored_statistics(config, demonstrations.stats, floor)
         how: Any = {
             "features": actions,
@@ -135,15 +140,6 @@ class ActionChunks:
     def raw(self, chunks: Float[Tensor, "N C A"]) -> Float[Tensor, "N C A"]:
         """Chunks in the units of the dataset."""
         return _apply(self._unnormalize, chunks)
-
-
-@dataclass
-class _ActionsOnly:
-    """What statistics ask of a configuration, of one that has actions alone."""
-
-    input_features: dict[str, PolicyFeature] | None
-    output_features: dict[str, PolicyFeature] | None
-    normalization_mapping: dict[str, NormalizationMode]
 
 
 def _apply(step: Any, actions: Tensor) -> Tensor:

@@ -1,12 +1,14 @@
 """Settings of `vqbet_chunked`."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
 from lerobot.configs import NormalizationMode, PreTrainedConfig
 from lerobot.optim import LRSchedulerConfig
 
+from lerobot_act_chunking.data.fast_chunks.image_switch import ImageSwitch
 from lerobot_act_chunking.data.timing import ChunkTiming, QueryTiming
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.settings import Mode
@@ -184,6 +186,11 @@ class VqbetChunkedConfig(ChunkedConfig):
     def action_delta_indices(self) -> list[int]:
         """Steps of the actions LeRobot loads."""
         return self.queries.steps
+
+    @cached_property
+    def image_switch(self) -> ImageSwitch:
+        """Tells the training's data workers for which batches the policy looks at images."""
+        return ImageSwitch()
 
     @property
     def tokenizer_spec(self) -> TokenizerSpec:

@@ -50,6 +50,7 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
         )
         if config.tokenizer_path is not None and load_backbone_weights:
             load_for(config, self.tokenizer, dataset_stats)
+        self.register_load_state_dict_post_hook(_settle)
         self._settle()
 
     def _build(self, backbone_weights: str | None) -> VqbetNetwork:
@@ -63,9 +64,10 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
         return build_network(config, self.tokenizer, backbone_weights)
 
     def _settle(self) -> None:
-        """Freeze the tokenizer if it has nothing to learn (any more)."""
+        """Freeze the tokenizer if it has nothing to learn (any more); while it learns alone, no images."""
         phase = self.tokenizer_phase
         self.tokenizer.requires_grad_(phase.joint or phase.comes_first)
+        self.config.image_switch.want_images_in(0 if phase.joint else phase.n_left)
 
     @property
     def _backbone(self) -> nn.Module | None:
@@ -269,6 +271,11 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
     def _get_default_peft_targets(self) -> dict[str, Any]:
         """Adapt the linear layers inside the GPT; train the heads."""
         return {"target_modules": r"model\.gpt\..*", "modules_to_save": ["code_head", "offset_head"]}
+
+
+def _settle(policy: VqbetChunkedPolicy, _incompatible: Any) -> None:
+    """After loading: a resumed run may be anywhere in the tokenizer's phase."""
+    policy._settle()
 
 
 def _weighted(loss: Float[Tensor, "B Q"], weight: Float[Tensor, "B Q"]) -> Float[Tensor, " B"]:

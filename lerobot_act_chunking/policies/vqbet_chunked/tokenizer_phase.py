@@ -26,7 +26,12 @@ class TokenizerPhase(BatchSeeds):
     @property
     def comes_first(self) -> bool:
         """Whether the tokenizer learns alone, for now."""
-        return int(self.n_learned) < self.n_steps
+        return self.n_left > 0
+
+    @property
+    def n_left(self) -> int:
+        """Batches that the tokenizer has yet to learn from before the policy does."""
+        return max(0, self.n_steps - int(self.n_learned))
 
     def learn(
         self, tokenizer: ActionTokenizer, chunks: Float[Tensor, "N C A"], is_pad: Bool[Tensor, "N C"]

@@ -1,3 +1,5 @@
+import inspect
+import json
 import re
 import shutil
 
@@ -7,6 +9,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from huggingface_hub.errors import OfflineModeIsEnabled
+from lerobot.configs import NormalizationMode
 from lerobot.configs.default import DatasetConfig
 from lerobot.configs.train import TrainPipelineConfig
 from lerobot.datasets import dataset_metadata, factory
@@ -16,22 +20,31 @@ from lerobot_sets import REPO_ID
 
 from lerobot_act_chunking.data.fast_chunks.checks import with_checks
 from lerobot_act_chunking.data.fast_chunks.dataset import FastChunkDataset
+from lerobot_act_chunking.data.fast_chunks.reading import with_reading
 from lerobot_act_chunking.errors import DatasetError
+from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
 
 
 @pytest.fixture(autouse=True)
 def offline(monkeypatch):
     monkeypatch.setattr(huggingface_hub.constants, "HF_HUB_OFFLINE", True)
     monkeypatch.setattr(factory, "LeRobotDataset", FastChunkDataset)
+    monkeypatch.setattr(factory, "make_dataset", inspect.unwrap(factory.make_dataset))
+    resolve = inspect.unwrap(factory.resolve_delta_timestamps)
+    monkeypatch.setattr(factory, "resolve_delta_timestamps", with_reading(resolve))
 
 
-def config(root, **dataset) -> TrainPipelineConfig:
+OURS = ActChunkedConfig(chunk_size=3, device="cpu")
+THEIRS = ACTConfig(chunk_size=3, n_action_steps=3, device="cpu")
+
+
+def config(root, policy=OURS, **dataset) -> TrainPipelineConfig:
     source = DatasetConfig(REPO_ID, root=root and str(root), video_backend="pyav", **dataset)
-    return TrainPipelineConfig(source, policy=ACTConfig(chunk_size=3, n_action_steps=3, device="cpu"))
+    return TrainPipelineConfig(source, policy=policy)
 
 
-def make(root, **dataset) -> LeRobotDataset:
-    return with_checks(factory.make_dataset)(config(root, **dataset))
+def make(root, policy=OURS, **dataset) -> LeRobotDataset:
+    return with_checks(factory.make_dataset)(config(root, policy, **dataset))
 
 
 @pytest.fixture
@@ -42,7 +55,7 @@ def damage(states, tmp_path):
         root = shutil.copytree(states, tmp_path / "damaged")
         (path,) = (root / "data").rglob("*.parquet")
         table = pq.read_table(path)
-        column = np.array(table[key].to_pylist(), np.float32)
+        column = np.array(table[key].to_pylist())
         for place, value in values.items():
             column[place] = value
         place = table.column_names.index(key)
@@ -66,20 +79,80 @@ def test_values_that_are_not_finite_are_named(damage, value):
         make(root)
     assert str(error.value) == (
         f"dataset {REPO_ID!r} holds values that are not finite: "
-        "action in 2 frames, first in episode 2, frame 1. "
-        "Leave those episodes out (--dataset.episodes) or record them again"
+        "action in 2 frames, first in episode 2, frame 1. Make a copy without those episodes: "
+        f"lerobot-edit-dataset --repo_id={REPO_ID} --root={root} --new_repo_id={REPO_ID}_finite "
+        "--operation.type=delete_episodes --operation.episode_indices='[2, 3]', and train on that: "
+        f"--dataset.repo_id={REPO_ID}_finite, without --dataset.root"
     )
 
 
-def test_without_the_damaged_episode_training_may_go_on(damage):
+def test_a_damaged_episode_that_is_not_read_is_no_matter(damage):
     root = damage("observation.state", {(8, 0): np.nan})
     assert len(make(root, episodes=[0, 1, 3])) == 10
     with pytest.raises(DatasetError, match=r"observation\.state in 1 frames, first in episode 2, frame 1\."):
         make(root, episodes=[1, 2])
 
 
+def test_lerobots_own_policies_get_what_they_get_without(damage, tmp_path):
+    assert make(damage("action", {(8, 2): np.nan}), THEIRS)[8]["action"].isnan().any()
+    with pytest.raises(OfflineModeIsEnabled):
+        make(tmp_path / "nowhere", THEIRS)
+
+
 def test_a_column_that_no_policy_learns_from_may_hold_anything(damage):
     assert len(make(damage("next.reward", {8: np.nan}))) == 17
+
+
+@pytest.mark.parametrize(
+    ("index", "fault"),
+    [
+        (lambda index: index + 1, "rows 0 to 4, of episode 0, have index 1 to 5, but by .* they have 0 to 4"),
+        (lambda index: 0 * index, "rows 0 to 4, of episode 0, have index 0 to 0, not one after the other,"),
+        (
+            lambda index: np.r_[index[:7], index[8:14], 7, index[14:]],
+            "rows 7 to 13, of episode 2, have index",
+        ),
+    ],
+    ids=["shifted", "all the same", "turned within an episode"],
+)
+def test_rows_out_of_place_are_refused(damage, index, fault):
+    root = damage("index", {slice(None): index(np.arange(17))})
+    for episodes in (None, [0, 2]):
+        with pytest.raises(DatasetError, match=fault.replace("rows 7 to 13", r"rows \d+ to \d+")):
+            make(root, episodes=episodes)
+    assert make(root, THEIRS)[3]["index"] == index(np.arange(17))[3]
+
+
+def test_an_episode_that_lacks_rows_is_refused(damage):
+    root = damage("index", {})
+    (path,) = (root / "data").rglob("*.parquet")
+    pq.write_table(pq.read_table(path).slice(0, 16), path)
+    with pytest.raises(
+        DatasetError, match=r"of episode 3, have index 14 to 15, but by .* they have 14 to 16"
+    ):
+        make(root)
+
+
+def test_a_dataset_without_statistics_is_refused(damage):
+    root = damage("action", {})
+    (root / "meta/stats.json").unlink()
+    with pytest.raises(DatasetError) as error:
+        make(root)
+    assert str(error.value).startswith(f"{root}/meta/stats.json is missing")
+    assert f"lerobot-edit-dataset --repo_id={REPO_ID} --root={root} --operation.type=recompute_stats" in str(
+        error.value
+    )
+    assert len(make(root, THEIRS)) == 17
+    raw = dict.fromkeys(("STATE", "ACTION"), NormalizationMode.IDENTITY)
+    assert len(make(root, ActChunkedConfig(chunk_size=3, device="cpu", normalization_mapping=raw))) == 17
+
+
+def test_a_feature_without_statistics_is_named(damage):
+    root = damage("action", {})
+    stats = json.loads((root / "meta/stats.json").read_text())
+    (root / "meta/stats.json").write_text(json.dumps({"action": stats["action"]}))
+    with pytest.raises(DatasetError, match=r"no statistics to normalise observation\.state by"):
+        make(root)
 
 
 def test_a_damaged_dataset_can_still_be_opened_and_mended(damage):

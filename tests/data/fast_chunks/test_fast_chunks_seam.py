@@ -46,7 +46,7 @@ def test_nothing_else_of_lerobot_is_replaced():
     fast_chunks.install()
     assert {cls: dict(vars(cls)) for cls in before} == before
     changed = {name for name, value in vars(factory).items() if names.get(name) is not value}
-    assert changed == {"LeRobotDataset", "make_dataset"}
+    assert changed == {"LeRobotDataset", "make_dataset", "resolve_delta_timestamps"}
 
 
 def test_installing_and_uninstalling_twice_is_installing_and_uninstalling_once():

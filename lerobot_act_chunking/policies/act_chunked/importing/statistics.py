@@ -12,7 +12,7 @@ from lerobot.utils.constants import IMAGENET_STATS
 from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError
 from lerobot_act_chunking.policies.act_chunked.importing.formats import ActCheckpoint
-from lerobot_act_chunking.policies.statistics import check_finite, floored_statistics
+from lerobot_act_chunking.policies.statistics import check_statistics, floored_statistics
 
 NO_FLOOR = 0.0
 
@@ -39,7 +39,7 @@ def choose_statistics(checkpoint: ActCheckpoint, dataset: Path | None) -> dict[s
             "beside its weights: give the dataset that it was trained on with --dataset"
         )
     found = _of_dataset(dataset, checkpoint.config) if dataset is not None else checkpoint.statistics or {}
-    check_finite(checkpoint.config, found)
+    check_statistics(checkpoint.config, found)
     return floored_statistics(checkpoint.config, found, NO_FLOOR)
 
 
