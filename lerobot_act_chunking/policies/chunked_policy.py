@@ -204,6 +204,14 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
 
     def _validate_peft_config(self, peft_config: Any) -> None:
         super()._validate_peft_config(peft_config)
+        self.check_takes_adapters()
+
+    def check_takes_adapters(self) -> None:
+        """Refuse PEFT adapters where they would not be in effect.
+
+        Raises:
+            ConfigurationError: acting uses averaged weights, which do not follow them.
+        """
         if self.ema is not None:
             raise ConfigurationError("use_ema does not follow PEFT adapters: set --policy.use_ema=false")
 

@@ -35,6 +35,9 @@ class DiffusionChunkedPolicy(ChunkedPolicy[DiffusionChunkedConfig, DiffusionNetw
     name = "diffusion_chunked"  # pyright: ignore[reportAssignmentType]
     _fsdp_wrap_modules = ["MixerBlock", "DitBlock", "ResidualBlock1d"]  # noqa: RUF012
 
+    def __init__(self, config: DiffusionChunkedConfig, **kwargs: Any):  # LeRobot asks for this annotation
+        super().__init__(config, **kwargs)
+
     def _build(self, backbone_weights: str | None) -> DiffusionNetwork:
         self.process = make_process(self.config)
         self.training_noise = TrainingNoise(self.config, self.process)
@@ -252,6 +255,14 @@ class DiffusionChunkedPolicy(ChunkedPolicy[DiffusionChunkedConfig, DiffusionNetw
         check_rtc_mode(self.config.rtc_config, learned_prefixes=self.config.warm_start == "prefix")
 
     def _get_default_peft_targets(self) -> dict[str, Any]:
-        """Adapt the linear layers inside the denoiser, train its last one."""
-        inner = r"model\.denoiser\..*(_proj|_film|_modulation|(tokens|channels|mlp)\.[03])"
-        return {"target_modules": inner, "modules_to_save": ["contract"]}
+        """Adapt the denoiser's layers, and how time and observation modulate them; train its last one."""
+        layers = (
+            r"time_mlp\.[13]",
+            r"\w+_(modulation|film)",
+            r"blocks\.\d+\.(\w+_proj|(tokens|channels|mlp)\.[03])",  # mixer and dit
+            r"(down|up)\.\d+\.\w+\.conv[12]\.0|middle\.\w+\.conv[12]\.0",  # unet1d
+        )
+        return {
+            "target_modules": rf"model\.denoiser\.({'|'.join(layers)})",
+            "modules_to_save": ["denoiser.contract"],
+        }

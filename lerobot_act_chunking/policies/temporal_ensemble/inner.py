@@ -25,6 +25,13 @@ DETERMINISTIC = ("act", "act_chunked")
 _CHUNK_NAMES = ("chunk_size", "action_chunk_size", "action_horizon", "n_action_steps")
 _COUNTED_FROM_FIRST_OBSERVATION = ("diffusion", "multi_task_dit")
 
+# Types without chunks that could be combined, and why.
+_UNWRAPPABLE = {
+    "gaussian_actor": "it predicts single actions, never a chunk",
+    "lingbot_va": "its chunks go on from the frames and actions of those before, as only its own execution "
+    "records them",
+}
+
 _NEEDLESS_DOWNLOADS = {"pretrained_backbone_weights": None, "load_vlm_weights": False}
 
 
@@ -80,6 +87,16 @@ def _check_known(policy_type: object) -> None:
 
 
 def _check_wrappable(config: PreTrainedConfig) -> None:
+    reason = _UNWRAPPABLE.get(config.type)
+    if reason is not None:
+        raise ConfigurationError(
+            f"policies of type {config.type} cannot be wrapped: {reason}. Use the policy without the wrapper"
+        )
+    if config.type == "tdmpc" and not config.use_mpc:  # pyright: ignore[reportAttributeAccessIssue]
+        raise ConfigurationError(
+            "use_mpc=False: the inner tdmpc then predicts single actions, and there are no chunks to "
+            "execute. Set its use_mpc to true"
+        )
     if config.use_peft:
         raise ConfigurationError(
             f"the inner {config.type} is a PEFT adapter: merge it into its base policy first"
@@ -106,6 +123,8 @@ def chunk_length(config: PreTrainedConfig) -> int:
         return config.timing.control_steps
     if config.type in _COUNTED_FROM_FIRST_OBSERVATION:
         return config.horizon - config.n_obs_steps + 1  # pyright: ignore[reportAttributeAccessIssue]
+    if config.type == "tdmpc":  # its n_action_steps and n_action_repeats are its own execution
+        return config.horizon  # pyright: ignore[reportAttributeAccessIssue]
     for name in _CHUNK_NAMES:
         length = getattr(config, name, None)
         if isinstance(length, int):

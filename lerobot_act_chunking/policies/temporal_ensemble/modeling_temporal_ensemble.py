@@ -131,7 +131,7 @@ class TemporalEnsemblePolicy(WithModelCard, PreTrainedPolicy):
         if envs is not None and isinstance(self.inner, ChunkedPolicy):
             kwargs["envs"] = envs.repeat(n_samples)
         observations = self._observations.for_prediction(batch, envs, n_samples)
-        return at_least_single(compat.action_of(self.inner.predict_action_chunk(observations, **kwargs)))
+        return at_least_single(_chunk(self.inner, observations, **kwargs))
 
     def reset(
         self, envs: Sequence[int] | Tensor | None = None, *, episode_seeds: Sequence[int] | None = None
@@ -191,6 +191,19 @@ class TemporalEnsemblePolicy(WithModelCard, PreTrainedPolicy):
         """The inner policy's parameters for the optimiser."""
         return self.inner.get_optim_params()
 
+    def _get_default_peft_targets(self) -> dict[str, Any] | None:
+        """The inner policy's, by the names that its modules have here."""
+        targets = self.inner._get_default_peft_targets()
+        pattern = None if targets is None else targets.get("target_modules")
+        if targets is None or not isinstance(pattern, str):  # a list names the ends of names
+            return targets
+        return {**targets, "target_modules": rf"inner\.({pattern})"}
+
+    def _validate_peft_config(self, peft_config: Any) -> None:
+        super()._validate_peft_config(peft_config)
+        if isinstance(self.inner, ChunkedPolicy):
+            self.inner.check_takes_adapters()
+
 
 def _build_inner(
     config: TemporalEnsembleConfig, source: str | None, dataset: dict[str, Any], load_inner: bool
@@ -201,6 +214,15 @@ def _build_inner(
     if source is None:
         return policy_class(inner, **dataset)
     return policy_class.from_pretrained(source, config=inner, **dataset)
+
+
+def _chunk(inner: PreTrainedPolicy, observations: Batch, **kwargs: Any) -> Tensor:
+    """The inner policy's chunk (B, T, A)."""
+    if inner.name != "tdmpc":
+        return compat.action_of(inner.predict_action_chunk(observations, **kwargs))
+    # Its planner would start from its last plan, which may be for other environments or several steps old.
+    inner._prev_mean = None
+    return compat.action_of(inner.predict_action_chunk(observations, **kwargs)).transpose(0, 1)
 
 
 def _parameters(function: Callable) -> Any:

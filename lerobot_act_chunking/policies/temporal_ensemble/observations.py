@@ -5,7 +5,7 @@ from typing import Any
 
 import torch
 from lerobot.policies.pretrained import PreTrainedPolicy
-from lerobot.utils.constants import ACTION, OBS_IMAGES
+from lerobot.utils.constants import ACTION, OBS_IMAGE, OBS_IMAGES
 from torch import Tensor
 
 from lerobot_act_chunking.errors import FeatureError
@@ -18,7 +18,7 @@ Batch = dict[str, Any]
 class InnerObservations:
     """What the inner policy observes: the batch, and for policies that keep a history in queues, that too.
 
-    LeRobot's diffusion, vqbet and multi_task_dit read their history from ``_queues``, which only their
+    LeRobot's diffusion, vqbet, multi_task_dit and tdmpc read their history from ``_queues``, which only their
     ``select_action`` fills, one observation of all environments at a time. Here the history is kept outside,
     per environment, and written into the queues before each prediction.
 
@@ -65,7 +65,7 @@ class InnerObservations:
             envs: the environments (n) to predict for; None for all.
             n_samples: how often to repeat them: (n_samples * n, ...).
         """
-        history = self._queued(batch) if self._has_time(batch) else self._history.stack(envs)
+        history = self._history_of(batch) if self._has_time(batch) else self._history.stack(envs)
         batch = private(_repeated(_selected(batch, self.batch_size(batch), envs), n_samples))
         if self._keys:
             history = _repeated(history, n_samples)
@@ -84,18 +84,36 @@ class InnerObservations:
         inputs = self._inner.config.input_features or {}
         return any(key in batch and batch[key].ndim == len(inputs[key].shape) + 2 for key in inputs)
 
+    def _history_of(self, batch: Batch) -> dict[str, Tensor]:
+        """The history that ``batch`` brings, up to the current step: tdmpc trains on later ones, too."""
+        steps = self._inner.config.observation_delta_indices
+        n_steps = None if steps is None else list(steps).index(0) + 1
+        return {key: value[:, :n_steps] for key, value in self._queued(batch).items()}
+
     def _queued(self, batch: Batch) -> dict[str, Tensor]:
         """The observations that are kept in queues; cameras are stacked into one, as LeRobot does."""
         cameras = list(self._inner.config.image_features)
-        missing = [key for key in (*self._keys, *cameras) if key not in batch and key != OBS_IMAGES]
+        of_cameras = (OBS_IMAGES, OBS_IMAGE)  # names of queues
+        missing = [key for key in (*self._keys, *cameras) if key not in batch and key not in of_cameras]
         if missing:
             raise FeatureError(
                 f"the policy needs {', '.join(missing)}, but the batch has only {', '.join(batch)}"
             )
-        queued = {key: batch[key] for key in self._keys if key != OBS_IMAGES}
+        queued = {key: batch[key] for key in self._keys if key not in of_cameras}
         if OBS_IMAGES in self._keys:
             queued[OBS_IMAGES] = torch.stack([batch[key] for key in cameras], dim=-4)
+        if OBS_IMAGE in self._keys:  # tdmpc's, which sees one camera
+            queued[OBS_IMAGE] = batch[_tdmpc_camera(cameras)]
         return queued
+
+
+def _tdmpc_camera(cameras: list[str]) -> str:
+    if cameras != [OBS_IMAGE]:
+        raise FeatureError(
+            f"LeRobot's tdmpc acts on a camera that is called {OBS_IMAGE!r} alone, not on {cameras[0]!r}: "
+            f'rename it before training, with --rename_map=\'{{"{cameras[0]}": "{OBS_IMAGE}"}}\''
+        )
+    return OBS_IMAGE
 
 
 def private(batch: Batch) -> Batch:

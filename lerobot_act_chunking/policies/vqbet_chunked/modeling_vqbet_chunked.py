@@ -270,7 +270,10 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
 
     def _get_default_peft_targets(self) -> dict[str, Any]:
         """Adapt the linear layers inside the GPT; train the heads."""
-        return {"target_modules": r"model\.gpt\..*", "modules_to_save": ["code_head", "offset_head"]}
+        return {
+            "target_modules": r"model\.gpt\.blocks\.\d+\.(qkv|mix|expand|contract)",
+            "modules_to_save": ["code_head", "offset_head"],
+        }
 
 
 def _settle(policy: VqbetChunkedPolicy, _incompatible: Any) -> None:
