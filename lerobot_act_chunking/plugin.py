@@ -15,9 +15,10 @@ import lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked  
 from lerobot_act_chunking import hub
 from lerobot_act_chunking.data import fast_chunks
 from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
-from lerobot_act_chunking.policies import model_card
+from lerobot_act_chunking.policies import late_chunks, model_card
 
 fast_chunks.install()
 hub.install()
 model_card.install()
+late_chunks.install()
 quiet_missing_ffmpeg()

@@ -15,6 +15,7 @@ from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.executor import ChunkExecutor
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.nn.ema import WeightAverage
+from lerobot_act_chunking.policies import late_chunks
 from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
 from lerobot_act_chunking.policies.model_card import WithModelCard
@@ -184,6 +185,10 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
 
     def _fresh_window(self) -> ObservationWindow:
         return ObservationWindow(self.config.n_obs_steps, self.config.timing.obs_stride)
+
+    def init_rtc_processor(self) -> None:
+        """Notice when chunks come too late; LeRobot calls this before its real-time engine starts."""
+        late_chunks.install()
 
     def update(self) -> None:
         """Follow the weights with their average; LeRobot calls this after every optimiser step."""

@@ -14,6 +14,7 @@ from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.executor import ChunkExecutor
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.heads.action_head import at_least_single
+from lerobot_act_chunking.policies import late_chunks
 from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.chunked_policy import ChunkedPolicy, indices
 from lerobot_act_chunking.policies.model_card import WithModelCard
@@ -168,6 +169,7 @@ class TemporalEnsemblePolicy(WithModelCard, PreTrainedPolicy):
 
     def init_rtc_processor(self) -> None:
         """Hand the settings of real-time chunking, which LeRobot left in our configuration, to the inner."""
+        late_chunks.install()
         vars(self.inner.config)["rtc_config"] = getattr(self.config, "rtc_config", None)
         initialise = getattr(self.inner, "init_rtc_processor", None)
         if initialise is not None:

@@ -2,7 +2,7 @@
 
 import torch
 from lerobot.configs import FeatureType, PolicyFeature, PreTrainedConfig
-from wrapped_cases import ACT, ACTIONS, CODES, DIFFUSION, FLOW, OURS, STATE, VQBET, A, B
+from wrapped_cases import ACT, ACTIONS, CODES, DIFFUSION_CAMERA, FLOW, OURS, STATE, VQBET, A, B
 
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
     TemporalEnsembleConfig,
@@ -19,7 +19,9 @@ TDMPC = {
     "n_elites": 5,
     "cem_iterations": 2,
 }
-SMALL = {case.type: case.inner for case in (ACT, CODES, DIFFUSION, FLOW, OURS, VQBET)} | {"tdmpc": TDMPC}
+OWN_BACKBONE = {"pretrained_backbone_weights": None}
+SMALL = {case.type: case.inner for case in (ACT, CODES, DIFFUSION_CAMERA, FLOW, OURS, VQBET)}
+SMALL = {name: {**settings, **OWN_BACKBONE} for name, settings in SMALL.items()} | {"tdmpc": TDMPC}
 IN_THE_GATE = ("act", "tdmpc", "vqbet_chunked")
 UNWRAPPABLE = {
     "gaussian_actor": "single actions",

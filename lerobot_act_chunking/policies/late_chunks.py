@@ -1,0 +1,77 @@
+"""The end of a rollout in which every chunk comes too late."""
+
+import functools
+import logging
+import sys
+import weakref
+from collections.abc import Callable
+from typing import Any
+
+from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.policies.execution_fields import ExecutionFields
+
+ENGINE = "lerobot.rollout.inference.rtc"
+PATIENCE = 3  # chunks: the first may be late because everything is slow once
+
+logger = logging.getLogger(__name__)
+
+
+class LateChunks:
+    """Counts the chunks in a row that were computed for so long that none of their actions is left.
+
+    Args:
+        fps: control steps per second.
+    """
+
+    def __init__(self, fps: float):
+        self._fps = fps
+        self._newest: Any = None
+        self._n_late = 0
+
+    def see(self, queue: Any) -> None:
+        """Look at LeRobot's queue, which holds what is left of the newest chunk.
+
+        Raises:
+            ConfigurationError: `PATIENCE` chunks in a row came too late, so that the robot stands still.
+        """
+        chunk = queue.original_queue
+        if chunk is None or chunk is self._newest:
+            return
+        self._newest, self._n_late = chunk, 0 if len(chunk) else self._n_late + 1
+        if self._n_late == 1:
+            logger.warning("a chunk took longer to compute than it lasts: none of its actions can be used")
+        if self._n_late >= PATIENCE:
+            raise ConfigurationError(
+                f"{PATIENCE} chunks in a row took longer to compute than they last at {self._fps:g} control "
+                "steps per second, so the robot does not move: let it wait for each chunk "
+                "(--inference.type=sync), or compute faster (a GPU, fewer inference steps, a smaller policy)"
+            )
+
+
+def install() -> None:
+    """Let LeRobot's real-time engine end with a reason where a policy of this package is too slow for it.
+
+    The engine drops what comes too late and asks again: the robot stands still and nothing is said. Here the
+    thread of the control loop raises, so that the robot is let go in order and the command fails. Harmless
+    when repeated; nothing happens before LeRobot's engine is imported, or if it is another than 0.6.1's.
+    """
+    module = sys.modules.get(ENGINE)
+    if module is None or hasattr(module.RTCInferenceEngine.get_action, "__wrapped__"):
+        return
+    if not {"_policy", "_fps"} <= set(module.RTCInferenceEngine.__init__.__code__.co_names):
+        logger.warning("LeRobot's real-time engine is a new one: a policy too slow for it is not noticed")
+        return
+    module.RTCInferenceEngine.get_action = _watched(module.RTCInferenceEngine.get_action)
+
+
+def _watched(get_action: Callable[..., Any]) -> Callable[..., Any]:
+    watches: weakref.WeakKeyDictionary[Any, LateChunks] = weakref.WeakKeyDictionary()
+
+    @functools.wraps(get_action)
+    def watched(engine: Any, obs_frame: dict[str, Any] | None) -> Any:
+        action, queue = get_action(engine, obs_frame), engine.action_queue
+        if queue is not None and isinstance(engine._policy.config, ExecutionFields):
+            watches.setdefault(engine, LateChunks(engine._fps)).see(queue)
+        return action
+
+    return watched
