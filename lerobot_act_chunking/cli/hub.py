@@ -1,20 +1,23 @@
-"""``act-chunking hub``: looking at, checking, cleaning and publishing a local hub."""
+"""``act-chunking hub``: looking at, checking, repairing, cleaning and publishing a local hub."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 if TYPE_CHECKING:
+    from lerobot_act_chunking.hub.names import RepoName
     from lerobot_act_chunking.hub.repository import Repository
     from lerobot_act_chunking.hub.storage import LocalHub
     from lerobot_act_chunking.hub.verifying import Report
 
 app = typer.Typer(
-    help="A model hub that is a folder (LEROBOT_LOCAL_HUB): list, show, verify, delete, publish, run.",
+    help="A model hub that is a folder (LEROBOT_LOCAL_HUB): look at it, check, repair, clean, publish it.",
     no_args_is_help=True,
 )
 
@@ -29,33 +32,28 @@ RepoId = Annotated[str, typer.Argument(help="org/name")]
 @app.command("list")
 def list_(folder: Folder = None) -> None:
     """Every repository: its newest revision, its tags, its size on disk."""
+    from lerobot_act_chunking.hub.refusal import RefusedError
+
     hub = _hub(folder)
-    for name in hub.names():
-        repository = hub.open(name)
-        head = repository.head("main") or "(damaged)"
-        size = sum(path.stat().st_size for path in repository.blobs.glob("*")) / 1e6
-        counts = f"{len(repository.revisions())} revisions, {len(repository.tags())} tags, {size:.1f} MB"
-        typer.echo(f"{name.kind:8}{name.repo_id}  {head[:12]}  {counts}")
+    for name in _names(hub):
+        try:
+            about = _summary(hub.open(name))
+        except (RefusedError, OSError) as error:
+            about = f"(damaged)  {error}"
+        _say(f"{name.kind:8}{name.repo_id}  {about}")
 
 
 @app.command()
 def show(
     repo_id: RepoId,
-    revision: Annotated[str, typer.Option(help="Branch, tag or commit.")] = "main",
+    revision: Annotated[str, typer.Option(help="Branch, tag, or (the first digits of) a commit.")] = "main",
     kind: Kind = "model",
     folder: Folder = None,
 ) -> None:
     """One repository: its branches and tags, its history, and the files of a revision with their folder."""
-    repository = _repository(folder, kind, repo_id)
-    commit_id = repository.resolve(revision)
-    tags = repository.tags()
-    for name, target in repository.refs().items():
-        typer.echo(f"{'tag' if name in tags else 'branch':8}{name}  {target[:12]}")
-    for past, commit in repository.history(commit_id):
-        typer.echo(f"{past[:12]}  {commit.date[:19]}  {commit.author}  {commit.title}")
-    for path, entry in sorted(repository.commit(commit_id).files.items()):
-        typer.echo(f"{entry.size / 1e6:10.3f} MB  {path}")
-    typer.echo(f"in {repository.snapshots / commit_id}")
+    with _disk_refusals():
+        for line in _description(_repository(folder, kind, repo_id), revision):
+            _say(line)
 
 
 @app.command()
@@ -66,18 +64,30 @@ def verify(
 ) -> None:
     """Compare every file with its checksum; exit status 11 if something is damaged."""
     from lerobot_act_chunking.diagnostics.outcome import EXIT_CODES
-    from lerobot_act_chunking.hub.verifying import verify
+    from lerobot_act_chunking.hub.verifying import verify_named
 
     hub = _hub(folder)
-    if repo_id is None:
-        repositories = [hub.open(name) for name in hub.names()]
-    else:
-        repositories = [_repository(folder, kind, repo_id)]
-    reports = [verify(repository) for repository in repositories]
-    for report in reports:
-        _print_report(report)
+    names = _names(hub) if repo_id is None else [_repository(folder, kind, repo_id).name]
+    reports = []
+    for name in names:
+        reports.append(verify_named(hub, name))
+        _print_report(reports[-1])
     if any(report.problems for report in reports):
         raise typer.Exit(EXIT_CODES["fail"])
+
+
+@app.command()
+def repair(repo_id: RepoId, kind: Kind = "model", folder: Folder = None) -> None:
+    """Restore what a repository's own files can restore; what is in the way is moved aside, never deleted."""
+    from lerobot_act_chunking.hub.repairing import repair
+
+    with _disk_refusals():
+        hub, repository = _hub(folder), _repository(folder, kind, repo_id)
+        with hub.lock(repository.name):
+            done = repair(repository)
+    for line in done or ["there was nothing to repair"]:
+        _say(line)
+    _say(f"contents that are lost have to be pushed again: {repository.name.command('verify')} names them")
 
 
 @app.command()
@@ -96,10 +106,11 @@ def delete(
         raise ConfigurationError("--history and --revision exclude each other")
     hub, repository = _hub(folder), _repository(folder, kind, repo_id)
     if revision is None and not history:
-        hub.delete(repository.name)
+        with _disk_refusals():
+            hub.delete(repository.name)
         typer.echo(f"deleted {repository.folder}")
         return
-    with hub.lock(repository.name):
+    with _disk_refusals(), hub.lock(repository.name):
         freed = delete_history(repository) if revision is None else delete_revision(repository, revision)
     typer.echo(f"dropped {freed.revisions} revisions, freed {freed.blobs} files ({freed.size / 1e6:.1f} MB)")
 
@@ -162,13 +173,56 @@ def _repository(folder: Path | None, kind: str, repo_id: str) -> Repository:
     return hub.open(hub.full_name(RepoName.checked(kind, repo_id)))
 
 
+def _names(hub: LocalHub) -> list[RepoName]:
+    with _disk_refusals():
+        return hub.names()
+
+
+def _summary(repository: Repository) -> str:
+    head = (repository.head("main") or "(damaged)")[:12]
+    size = sum(path.lstat().st_size for path in repository.blobs.glob("*")) / 1e6
+    counts = f"{len(repository.revisions())} revisions, {len(repository.tags())} tags, {size:.1f} MB"
+    return f"{head}  {counts}"
+
+
+def _description(repository: Repository, revision: str) -> Iterator[str]:
+    commit_id, tags = repository.resolve(revision), repository.tags()
+    for name, target in repository.refs().items():
+        yield f"{'tag' if name in tags else 'branch':8}{name}  {target[:12]}"
+    for past, commit in repository.history(commit_id):
+        yield f"{past[:12]}  {commit.date[:19]}  {commit.author}  {commit.title}"
+    for path, entry in sorted(repository.commit(commit_id).files.items()):
+        yield f"{entry.size / 1e6:10.3f} MB  {path}"
+    yield f"in {repository.snapshots / commit_id}"
+
+
+@contextmanager
+def _disk_refusals() -> Iterator[None]:
+    """Errors of the disk end a command with their message instead of a traceback."""
+    from lerobot_act_chunking.hub.refusal import RefusedError
+
+    try:
+        yield
+    except OSError as error:
+        raise RefusedError(f"the hub's folder does not allow that: {error}") from error
+
+
+def _say(line: str) -> None:
+    """One line, whatever characters the names in the folder are made of."""
+    from lerobot_act_chunking.hub.names import printable
+
+    typer.echo(printable(line))
+
+
 def _print_report(report: Report) -> None:
     state = f"{len(report.problems)} problems" if report.problems else "intact"
-    typer.echo(f"{report.kind} {report.repo_id}: {state}, {len(report.intact)} revisions load")
+    _say(f"{report.kind} {report.repo_id}: {state}, {len(report.intact)} revisions load")
     for problem in report.problems:
-        typer.echo(f"  {problem}")
+        _say(f"  {problem}")
+    for note in report.notes:
+        _say(f"  note: {note}")
     if report.problems:
-        typer.echo(f"  still loads: {', '.join(report.loadable) or 'nothing'}")
+        _say(f"  still loads: {', '.join(report.loadable) or 'nothing'}")
     if report.unreferenced:
         held = f"{report.unreferenced / 1e6:.1f} MB"
-        typer.echo(f"  {held} held by interrupted pushes; 'hub delete --history' frees them after an hour")
+        _say(f"  {held} held by interrupted pushes; 'hub delete --history' frees them after an hour")

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lerobot_act_chunking.hub import files
-from lerobot_act_chunking.hub.names import is_commit
 from lerobot_act_chunking.hub.publishing import ABANDONED, delete_ref
 from lerobot_act_chunking.hub.refusal import RefusedError
 from lerobot_act_chunking.hub.repository import MAIN, Repository
@@ -28,13 +27,17 @@ def delete_revision(repository: Repository, revision: str) -> Freed:
     Raises:
         RefusedError: other branches or tags still name the revision.
     """
+    by_name = revision in repository.refs()
+    if by_name and repository.head(revision) is None:  # a damaged name shows nothing
+        delete_ref(repository, revision, tag=revision in repository.tags())
+        return _drop(repository, [])
     commit_id = repository.resolve(revision)
     names = {name for name, target in repository.refs().items() if target == commit_id}
-    if is_commit(revision) and names:
+    if not by_name and names:
         raise RefusedError(
             f"{revision} is still named by {', '.join(sorted(names))}; delete those names instead"
         )
-    if not is_commit(revision):
+    if by_name:
         delete_ref(repository, revision, tag=revision in repository.tags())
     return _drop(repository, [] if names - {revision} else [commit_id])
 
@@ -43,8 +46,8 @@ def delete_history(repository: Repository) -> Freed:
     """Drop every revision that no branch or tag names. The caller holds the repository's lock."""
     named = set(repository.refs().values())
     if repository.head(MAIN) is None:
-        raise RefusedError(
-            f"{MAIN!r} of {repository.name.repo_id!r} is damaged, so nothing may be dropped; verify it first"
+        raise repository.damaged(
+            f"{MAIN!r} of {repository.name.repo_id!r} is damaged, so nothing may be dropped"
         )
     return _drop(repository, [commit_id for commit_id in repository.revisions() if commit_id not in named])
 

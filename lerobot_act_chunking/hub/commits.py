@@ -7,7 +7,7 @@ import uuid
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 
-from lerobot_act_chunking.hub.names import checked_path, is_commit, is_digest, shorten
+from lerobot_act_chunking.hub.names import checked_path, is_commit, is_digest, printable, shorten
 from lerobot_act_chunking.hub.refusal import RefusedError
 
 
@@ -68,18 +68,24 @@ class Commit:
         """
         try:
             fields = json.loads(data)
-            datetime.fromisoformat(fields["date"])
+            datetime.fromisoformat(fields["date"]).astimezone(UTC)
+            for key in ("title", "description", "author"):
+                fields[key].encode()
             fields["files"] = {
                 checked_path(path): Entry(**entry).checked() for path, entry in fields["files"].items()
             }
             commit = cls(**fields)
-        except (RefusedError, ValueError, TypeError, KeyError, AttributeError) as error:
-            raise RefusedError(f"the description of revision {commit_id} is damaged: {error}", 422) from error
+        except (RefusedError, ValueError, TypeError, LookupError, AttributeError) as error:
+            raise _damaged(commit_id, str(error)) from error
+        except (RecursionError, OverflowError, MemoryError) as error:
+            raise _damaged(commit_id, type(error).__name__) from error
         if not is_commit(commit_id) or commit.commit_id != commit_id:
-            raise RefusedError(
-                f"the description of revision {commit_id} is damaged: its checksum differs", 422
-            )
+            raise _damaged(commit_id, "its checksum differs")
         return commit
+
+
+def _damaged(commit_id: str, reason: str) -> RefusedError:
+    return RefusedError(f"the description of revision {commit_id} is damaged: {printable(reason[:200])}", 422)
 
 
 def current_user() -> str:

@@ -162,7 +162,10 @@ def is_inside(path: Path, folder: Path) -> bool:
 def require_inside(path: Path, folder: Path) -> Path:
     """``path`` itself, refused if a symlink leads it out of ``folder``."""
     if not is_inside(path, folder):
-        raise RefusedError(f"{path} leads out of {folder} through a symlink; remove that link", 403)
+        raise RefusedError(
+            f"{path} leads out of {folder} through a symlink; replace the link by what it leads to",
+            403,
+        )
     return path
 
 
@@ -180,3 +183,12 @@ def remove(path: Path) -> None:
         shutil.rmtree(path, ignore_errors=True)
     else:
         path.unlink(missing_ok=True)
+
+
+def remove_empty_parents(path: Path, folder: Path) -> None:
+    """Remove the empty folders between ``path``, which is gone, and ``folder``."""
+    with contextlib.suppress(OSError):  # not empty, or gone already
+        for parent in path.parents:
+            if parent == folder:
+                return
+            parent.rmdir()

@@ -5,6 +5,7 @@ absolute paths, NUL, or names longer than file systems allow.
 """
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, cast, get_args
 
@@ -18,9 +19,19 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 
 MAX_COMPONENT = 255
 """Longest file name of common file systems [bytes]."""
+MAX_NEW_COMPONENT = 240
+"""Longest file name that is accepted: huggingface_hub appends up to 13 bytes while it downloads [bytes]."""
 MAX_PATH = 1024
 """Longest path inside a repository [bytes]."""
 
+ADDRESS_WORDS = {
+    "api", "models", "datasets", "spaces", "kernels", "buckets", "blob", "branch", "commit", "commits",
+    "discussions", "info", "lfs", "lfs-batch", "paths-info", "preupload", "raw", "refs", "resolve",
+    "revision", "settings", "tag", "tree",
+}  # fmt: skip
+"""Words of the Hub's addresses: a repository of such a name or owner could not be told from the address."""
+
+_SHORT_COMMIT = re.compile(r"[0-9a-f]{7,39}")
 _COMMIT = re.compile(r"[0-9a-f]{40}")
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 _CONTROL = re.compile(r"[\x00-\x1f\x7f]")
@@ -47,6 +58,19 @@ class RepoName:
             raise RefusedError(str(error)) from error
         return cls(cast("Kind", kind), repo_id)
 
+    def creatable(self) -> "RepoName":
+        """The name itself, refused unless huggingface_hub can address a repository of this name."""
+        *owner, name = self.repo_id.split("/")
+        for part in (*owner, name):
+            if part in ADDRESS_WORDS:
+                raise RefusedError(
+                    f"{part!r} in {self.repo_id!r} is a word of the Hub's addresses, so that could not be "
+                    f"loaded; choose another name, none of: {', '.join(sorted(ADDRESS_WORDS))}"
+                )
+        if owner and owner[0].endswith(".git"):
+            raise RefusedError(f"an owner cannot end in '.git': {self.repo_id!r}; choose another name")
+        return self
+
     @classmethod
     def from_folder(cls, folder: str) -> "RepoName | None":
         """The name behind a folder such as ``models--org--name``; None for any other folder."""
@@ -64,6 +88,11 @@ class RepoName:
         """The folder of huggingface_hub's cache layout."""
         return "--".join([f"{self.kind}s", *self.repo_id.split("/")])
 
+    def command(self, verb: str) -> str:
+        """The command of ``act-chunking hub`` that does something with this repository."""
+        kind = "" if self.kind == "model" else f" --type {self.kind}"
+        return f"act-chunking hub {verb} {self.repo_id}{kind}"
+
     @property
     def url_path(self) -> str:
         """The repository's path below the hub's address."""
@@ -76,9 +105,19 @@ def shorten(value: object) -> str:
     return text if len(text) <= 80 else f"{text[:77]}..."
 
 
+def printable(text: str) -> str:
+    """Text for one line of a terminal: control characters and what is no UTF-8 are written as escapes."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
 def is_commit(revision: str) -> bool:
     """Whether a revision is a full commit id rather than a branch or a tag."""
     return _COMMIT.fullmatch(revision) is not None
+
+
+def is_short_commit(revision: str) -> bool:
+    """Whether a revision may be the beginning of a commit id, as the hub prints it."""
+    return _SHORT_COMMIT.fullmatch(revision) is not None
 
 
 def is_sha256(digest: str) -> bool:
@@ -109,6 +148,25 @@ def checked_path(path: object) -> str:
     return path
 
 
+def checked_new_path(path: object) -> str:
+    """A path that huggingface_hub will also download: no drive (``C:x``), room for its own endings."""
+    path = checked_path(path)
+    parts = path.split("/")
+    if any(part[1:2] == ":" for part in parts):
+        raise RefusedError(
+            f"{shorten(path)} looks like a Windows drive, which huggingface_hub refuses to load"
+        )
+    _check_lengths(path, parts, MAX_NEW_COMPONENT)
+    return path
+
+
+def checked_new_ref(name: object) -> str:
+    """The name of a branch or tag that huggingface_hub can also load."""
+    name = checked_ref(name)
+    _check_lengths(name, name.split("/"), MAX_NEW_COMPONENT)
+    return name
+
+
 def checked_ref(name: object) -> str:
     """The name of a branch or tag, by git's rules."""
     if not isinstance(name, str) or not name or _REVISION_FORBIDDEN.search(name):
@@ -122,13 +180,31 @@ def checked_ref(name: object) -> str:
     return name
 
 
-def _check_lengths(name: str, parts: list[str]) -> None:
+def is_path(path: str) -> bool:
+    """Whether a path found on disk may be a file of a repository."""
+    return _passes(checked_path, path)
+
+
+def is_ref(name: str) -> bool:
+    """Whether a name found on disk may be a branch or a tag."""
+    return _passes(checked_ref, name)
+
+
+def _passes(check: Callable[[object], str], value: str) -> bool:
+    try:
+        check(value)
+    except RefusedError:
+        return False
+    return True
+
+
+def _check_lengths(name: str, parts: list[str], limit: int = MAX_COMPONENT) -> None:
     try:
         longest = max(len(part.encode()) for part in parts)
         total = len(name.encode())
     except UnicodeEncodeError as error:
         raise RefusedError(f"{shorten(name)} is not valid UTF-8") from error
-    if longest > MAX_COMPONENT or total > MAX_PATH:
+    if longest > limit or total > MAX_PATH:
         raise RefusedError(
-            f"{shorten(name)} is too long ({total} bytes; at most {MAX_PATH}, {MAX_COMPONENT} per folder)"
+            f"{shorten(name)} is too long ({total} bytes; at most {MAX_PATH}, {limit} per folder)"
         )

@@ -9,9 +9,10 @@ from huggingface_hub.utils import build_hf_headers, hf_raise_for_status
 
 from lerobot_act_chunking.compat import hub_misfit
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.hub import files
+from lerobot_act_chunking.hub import files, publishing
 from lerobot_act_chunking.hub.names import RepoName
 from lerobot_act_chunking.hub.refusal import RefusedError
+from lerobot_act_chunking.hub.repository import MAIN
 from lerobot_act_chunking.hub.routing import LOCAL_HUB, configured_hub
 from lerobot_act_chunking.hub.storage import LocalHub
 
@@ -63,7 +64,12 @@ def _check_local_hub(hub: LocalHub, repo_id: str) -> None:
     try:
         name = hub.full_name(RepoName.checked("model", repo_id))
         if hub.holds(name):
-            hub.open(name)
+            repository = hub.open(name)
+            parent = publishing.parent_of(repository, MAIN)
+            if parent is not None:
+                repository.commit(parent)
+        else:
+            name.creatable()
         with hub.lock(name), files.scratch_path(hub.root / ".locks") as probe:
             probe.touch()
     except (OSError, RefusedError) as error:

@@ -4,7 +4,6 @@ Order is what makes a kill harmless: blobs first, then the description and the s
 renamed), and the ref last. Callers hold the repository's lock for everything except receiving blobs.
 """
 
-import contextlib
 import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -12,7 +11,13 @@ from pathlib import Path, PurePosixPath
 
 from lerobot_act_chunking.hub import files
 from lerobot_act_chunking.hub.commits import Commit, Entry
-from lerobot_act_chunking.hub.names import checked_path, checked_ref, is_sha256
+from lerobot_act_chunking.hub.names import (
+    checked_new_path,
+    checked_new_ref,
+    checked_path,
+    checked_ref,
+    is_sha256,
+)
 from lerobot_act_chunking.hub.refusal import RefusedError, conflict, entry_not_found, revision_not_found
 from lerobot_act_chunking.hub.repository import MAIN, Repository
 
@@ -66,7 +71,7 @@ def renew_blob(repository: Repository, entry: Entry) -> bool:
 
 def add(repository: Repository, path: str, entry: Entry) -> Operation:
     """Put a blob that has been received at ``path``."""
-    path = checked_path(path)
+    path = checked_new_path(path)
 
     def apply(table: dict[str, Entry]) -> None:
         if not repository.has_blob(entry):
@@ -108,14 +113,14 @@ def publish_revision(repository: Repository, branch: str, change: Change) -> str
         RefusedError: the branch does not exist, is a tag, or moved since ``expected_parent``; or an operation
             is impossible.
     """
-    parent = _parent(repository, branch, change.expected_parent)
+    parent = parent_of(repository, branch, change.expected_parent)
     table = dict(repository.commit(parent).files) if parent else {}
     for operation in change.operations:
         operation(table)
     _check_folders(table)
     commit = Commit.now(title=change.title, description=change.description, parent=parent, files=table)
-    _write_snapshot(repository, commit, parent)
-    _point(repository, branch, commit.commit_id)
+    write_snapshot(repository, commit, parent)
+    point(repository, branch, commit.commit_id)
     files.sweep(repository.incoming, ABANDONED)
     return commit.commit_id
 
@@ -123,15 +128,18 @@ def publish_revision(repository: Repository, branch: str, change: Change) -> str
 def create_branch(repository: Repository, branch: str, revision: str) -> None:
     """A branch that starts at ``revision``."""
     _new_name(repository, branch)
-    _point(repository, branch, repository.resolve(revision))
+    commit_id = repository.resolve(revision)
+    files.remove(repository.tag_folder / branch)  # of a tag whose creation or deletion was killed
+    point(repository, branch, commit_id)
 
 
 def create_tag(repository: Repository, tag: str, revision: str) -> None:
     """A name for ``revision`` that pushes do not move."""
     _new_name(repository, tag)
+    commit_id = repository.resolve(revision)
     # The mark goes first: a tag whose creation is killed is no ref at all rather than a branch.
     files.write_durably(repository.tag_folder / tag, b"", repository.incoming)
-    _point(repository, tag, repository.resolve(revision))
+    point(repository, tag, commit_id)
 
 
 def delete_ref(repository: Repository, ref: str, *, tag: bool) -> None:
@@ -142,21 +150,30 @@ def delete_ref(repository: Repository, ref: str, *, tag: bool) -> None:
     if ref == MAIN:
         raise RefusedError(f"branch {MAIN!r} cannot be deleted; delete the repository instead", 403)
     path.unlink()
-    with contextlib.suppress(FileNotFoundError):
-        (repository.tag_folder / ref).unlink()
+    files.remove(repository.tag_folder / ref)
     files.sync_folder(path.parent)
+    for folder in (repository.ref_folder, repository.tag_folder):
+        files.remove_empty_parents(folder / ref, folder)  # "a" may be a name again when "a/b" is gone
 
 
-def _parent(repository: Repository, branch: str, expected: str | None) -> str | None:
-    parent = repository.head(branch)
+def parent_of(repository: Repository, branch: str, expected: str | None = None) -> str | None:
+    """The revision that a push to ``branch`` builds on; None for the first one of a folder without any.
+
+    Its description is enough: the push brings or finds every content, and its own folder is complete.
+
+    Raises:
+        RefusedError: the branch does not exist, is a tag, is damaged, or is not at ``expected``.
+    """
+    refs, name = repository.refs(), repository.name
     if branch in repository.tags():
-        raise RefusedError(f"{branch!r} is a tag of {repository.name.repo_id!r}; push to a branch")
-    if parent is None and branch in repository.refs():
-        raise RefusedError(
-            f"branch {branch!r} is damaged; see: act-chunking hub verify {repository.name.repo_id}", 422
-        )
-    if parent is None and branch != MAIN:
-        raise revision_not_found(repository.name.repo_id, branch, sorted(repository.refs()))
+        raise RefusedError(f"{branch!r} is a tag of {name.repo_id!r}; push to a branch")
+    if branch not in refs and branch != MAIN:
+        raise revision_not_found(name.repo_id, branch, sorted(refs))
+    parent = refs.get(branch)
+    if parent is None and not repository.described():
+        return None
+    if parent is None or not (repository.has_revision(parent) or repository.is_described(parent)):
+        raise repository.damaged(f"branch {branch!r} of {name.repo_id!r} names no revision")
     if expected is not None and expected != parent:
         raise RefusedError(
             f"{branch!r} is at {parent}, not at {expected}: somebody pushed in between; load it first", 412
@@ -174,7 +191,7 @@ def _check_folders(table: dict[str, Entry]) -> None:
 
 
 def _new_name(repository: Repository, ref: str) -> None:
-    checked_ref(ref)
+    checked_new_ref(ref)
     refs = repository.refs()
     if ref in refs:
         kind = "tag" if ref in repository.tags() else "branch"
@@ -185,12 +202,14 @@ def _new_name(repository: Repository, ref: str) -> None:
         )
 
 
-def _point(repository: Repository, ref: str, commit_id: str) -> None:
+def point(repository: Repository, ref: str, commit_id: str) -> None:
+    """Make a branch or tag name a revision."""
     path = files.require_inside(repository.ref_folder / ref, repository.folder)
     files.write_durably(path, commit_id.encode(), repository.incoming)
 
 
-def _write_snapshot(repository: Repository, commit: Commit, parent: str | None) -> None:
+def write_snapshot(repository: Repository, commit: Commit, parent: str | None) -> None:
+    """Give a revision its description and its folder."""
     commit_id = commit.commit_id
     with files.scratch_path(repository.incoming) as tree:
         tree.mkdir()
@@ -209,8 +228,19 @@ def _place_file(repository: Repository, target: Path, entry: Entry, previous: Pa
     if is_sha256(entry.digest) and not blob.exists() and previous.is_file():
         # A downloaded revision without symlinks holds its only copy in the snapshot itself.
         receive_blob(repository, files.read_chunks(previous), entry.digest, entry.size)
-    depth = len(target.relative_to(repository.incoming).parts)
-    files.place(blob, target, "../" * depth + f"blobs/{entry.digest}")
+    if not repository.has_blob(entry):
+        path = "/".join(target.relative_to(repository.incoming).parts[1:])
+        raise RefusedError(
+            f"the content of {path!r} in {repository.name.repo_id!r} is lost or damaged; push that file too, "
+            "or delete it in the same push",
+            422,
+        )
+    files.place(blob, target, link_from(repository.incoming, target, entry))
+
+
+def link_from(folder: Path, target: Path, entry: Entry) -> str:
+    """The relative symlink to a blob for ``target``, a file of a revision that lies in ``folder``."""
+    return "../" * len(target.relative_to(folder).parts) + f"blobs/{entry.digest}"
 
 
 def leftovers(repository: Repository) -> list[Path]:

@@ -95,10 +95,10 @@ def resolve(call: Call) -> httpx.Response:
     repository = call.repository
     revision, path = call.argument(0), call.path_from(1)
     commit_id = repository.resolve(revision)
-    target = repository.file(commit_id, path)
     entry = repository.commit(commit_id).files.get(path)
     if entry is None:
         raise entry_not_found(repository.name.repo_id, revision, path)
+    target = repository.file(commit_id, path)
     return file_response(call.request, target, {"ETag": f'"{entry.digest}"', "X-Repo-Commit": commit_id})
 
 

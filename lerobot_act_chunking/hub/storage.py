@@ -41,11 +41,11 @@ class LocalHub:
         self.root = Path(os.path.abspath(Path(root).expanduser()))  # noqa: PTH100
 
     def names(self) -> list[RepoName]:
-        """The repositories held here that the current user may look into, sorted."""
+        """What is called like a repository, damaged or not, but for folders closed to the user."""
         if not self.root.is_dir():
             return []
-        found = (RepoName.from_folder(path.name) for path in self.root.iterdir() if os.access(path, os.X_OK))
-        return sorted(name for name in found if name is not None and (self.root / name.folder).is_dir())
+        found = ((RepoName.from_folder(path.name), path) for path in self.root.iterdir())
+        return sorted(name for name, path in found if name is not None and not _closed(path))
 
     def holds(self, name: RepoName) -> bool:
         """Whether the repository exists here."""
@@ -63,7 +63,10 @@ class LocalHub:
         Raises:
             RefusedError: it does not exist, or a symlink leads it out of the hub.
         """
+        folder = self.root / name.folder
         if not self.holds(name):
+            if os.path.lexists(folder):
+                raise RefusedError(f"{folder} is no folder; move it out of the hub", 422)
             raise repo_not_found(name.repo_id, self.root)
         return Repository(name, self.root)
 
@@ -73,6 +76,7 @@ class LocalHub:
         with self.lock(name):
             if os.path.lexists(self.root / name.folder):
                 raise conflict(f"{name.repo_id!r} is already in the local hub {self.root}")
+            name.creatable()
             with files.scratch_path(self._work_folder) as scratch:
                 scratch.mkdir()
                 if private:
@@ -105,6 +109,11 @@ class LocalHub:
     @property
     def _work_folder(self) -> Path:
         return self.root / ".locks" / "lerobot-hub"
+
+
+def _closed(folder: Path) -> bool:
+    """Whether it is somebody's private repository."""
+    return folder.is_dir() and not os.access(folder, os.X_OK)
 
 
 def owner_name() -> str:

@@ -81,12 +81,13 @@ class LocalHubTransport(httpx.BaseTransport):
         handler = _GLOBAL_ROUTES.get((request.method, "/".join(segments)))
         if handler is not None:
             return handler(Call(self.hub, request))
-        parsed = _repository_call(segments)
-        if parsed is None:
+        readings = _readings(segments)
+        if not readings:
             if self.fall_through and request.method in ("GET", "HEAD"):
                 return self._ask_outside(request)
             raise _unsupported(request)
-        action, name, rest = parsed
+        held = [reading for reading in readings if self.hub.holds(self.hub.full_name(reading[1]))]
+        action, name, rest = (held or readings)[0]
         call = Call(self.hub, request, self.hub.full_name(name), rest)
         route = (request.method, action)
         if self.fall_through and route in READS and not self.hub.holds(call.checked_name):
@@ -118,36 +119,41 @@ class _Outside(httpx.BaseTransport):
         self._client.close()
 
 
-def _repository_call(segments: list[str]) -> tuple[str, RepoName, list[str]] | None:
-    """(action, repository, what follows) of an address that names a repository; None for any other."""
+def _readings(segments: list[str]) -> list[tuple[str, RepoName, list[str]]]:
+    """(action, repository, what follows) in every way to read an address; nothing if it names none.
+
+    ``act/resolve/tree/x`` is a file of the user's ``act`` at the branch ``tree``, or in the tree of
+    ``act/resolve``.
+    """
     if segments[:1] == ["api"]:
         kind = segments[1].removesuffix("s") if len(segments) > 2 else ""
-        return _split(kind, segments[2:]) if kind in KINDS and segments[1] != kind else None
+        return _split(kind, segments[2:]) if kind in KINDS and segments[1] != kind else []
     kind = segments[0].removesuffix("s")
     if kind in KINDS and segments[0] != kind:
         return _split(kind, segments[1:])
     return _split("model", segments)
 
 
-def _split(kind: str, segments: list[str]) -> tuple[str, RepoName, list[str]] | None:
-    length = _name_length(segments)
-    if length is None:
-        return None
-    repo_id, after = "/".join(segments[:length]), segments[length:]
-    if repo_id.endswith(".git"):
-        repo_id, after = repo_id.removesuffix(".git"), ["lfs-batch"] if after == _LFS_BATCH else after
-    return after[0] if after else "", RepoName.checked(kind, repo_id), after[1:]
+def _split(kind: str, segments: list[str]) -> list[tuple[str, RepoName, list[str]]]:
+    readings = []
+    for length in _name_lengths(segments):
+        repo_id, after = "/".join(segments[:length]), segments[length:]
+        if repo_id.endswith(".git"):
+            repo_id, after = repo_id.removesuffix(".git"), ["lfs-batch"] if after == _LFS_BATCH else after
+        readings.append((after[0] if after else "", RepoName.checked(kind, repo_id), after[1:]))
+    return readings
 
 
-def _name_length(segments: list[str]) -> int | None:
-    """How many leading elements are the repository's id: those before ``.git``, or before a known action."""
+def _name_lengths(segments: list[str]) -> list[int]:
+    """How many leading elements may be the repository's id: those before ``.git`` or a known action."""
     for length in (1, 2):
         if len(segments) >= length and segments[length - 1].endswith(".git"):
-            return length
-    for length in (2, 1):  # "org/name" first: an owner may be called "tree"
-        if len(segments) == length or (len(segments) > length and segments[length] in ACTIONS):
-            return length
-    return None
+            return [length]
+    return [
+        length
+        for length in (2, 1)
+        if len(segments) == length or (len(segments) > length and segments[length] in ACTIONS)
+    ]
 
 
 def _whoami(call: Call) -> httpx.Response:
@@ -193,4 +199,6 @@ def _disk_refusal(error: OSError, hub: LocalHub) -> RefusedError:
         return RefusedError(f"the local hub {hub.root} does not let you do that: {error}", 403)
     if isinstance(error, FileNotFoundError):
         return RefusedError(f"the local hub {hub.root} changed underneath (deleted meanwhile?): {error}", 410)
-    raise error
+    if isinstance(error, ConnectionError):  # the outside, not the disk
+        raise error
+    return RefusedError(f"the local hub {hub.root} is damaged: {error}; see: act-chunking hub verify", 422)

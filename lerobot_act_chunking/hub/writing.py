@@ -9,7 +9,7 @@ import httpx
 from lerobot_act_chunking.hub import files, publishing
 from lerobot_act_chunking.hub.commits import Entry
 from lerobot_act_chunking.hub.exchange import Call, json_object
-from lerobot_act_chunking.hub.names import RepoName, checked_path, checked_sha256, shorten
+from lerobot_act_chunking.hub.names import RepoName, checked_new_path, checked_sha256, shorten
 from lerobot_act_chunking.hub.refusal import CONFLICT, RefusedError, repo_not_found
 from lerobot_act_chunking.hub.repository import MAIN, Repository
 from lerobot_act_chunking.hub.storage import set_private
@@ -63,7 +63,7 @@ def preupload(call: Call) -> httpx.Response:
     present = repository.commit(head).files if head else {}
     answer = []
     for file in _list(call.json(), "files"):
-        path, size = checked_path(file.get("path")), _size(file.get("size"))
+        path, size = checked_new_path(file.get("path")), _size(file.get("size"))
         inline = size <= INLINE_LIMIT
         oid = _known_oid(repository, present.get(path), inline)
         mode = "regular" if inline else "lfs"
@@ -172,7 +172,7 @@ def _operation(repository: Repository, key: object, value: dict[str, Any]) -> pu
 
 
 def _inline_file(repository: Repository, value: dict[str, Any]) -> Entry:
-    checked_path(value.get("path"))  # before anything is stored
+    checked_new_path(value.get("path"))  # before anything is stored
     try:
         content = base64.b64decode(_text(value.get("content")), validate=True)
     except ValueError as error:
@@ -240,6 +240,6 @@ def _size(value: object) -> int:
 
 
 def _text(value: object) -> str:
-    if not isinstance(value, str):
+    if not isinstance(value, str) or any("\ud800" <= character <= "\udfff" for character in value):
         raise RefusedError(f"{shorten(value)} is not text")
     return value
