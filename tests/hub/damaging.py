@@ -60,7 +60,7 @@ def lengthen(rng: random.Random, victim: Path, outside: Path) -> None:
 
 def make_huge(rng: random.Random, victim: Path, outside: Path) -> None:
     if victim.is_file():
-        os.truncate(victim, 1 << 40)
+        os.truncate(victim, 1 << 24)
 
 
 def flip(rng: random.Random, victim: Path, outside: Path) -> None:
