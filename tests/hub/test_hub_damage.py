@@ -236,3 +236,45 @@ def test_damage_is_one_repositorys_problem_and_the_advice_cures(
         oid = push(victim, {"last.txt": b"last"})
         assert loads(victim, oid, tmp_path / "cache")["last.txt"] == b"last"
         assert verify_named(hub, victim).problems == []
+
+
+ACT = NAMES[0]
+
+
+def test_a_lost_main_is_named_and_repaired_to_the_newest_revision(world: tuple[LocalHub, Path, Table]):
+    hub, _, table = world
+    head = hub.open(ACT).resolve("main")
+    (hub.root / ACT.folder / "refs" / "main").unlink()
+    status, lines = command(hub, "verify")
+    assert status == 1
+    assert any(
+        "refs/main is missing; repair it with: act-chunking hub repair me/act" in line for line in lines
+    )
+    with pytest.raises(HfHubHTTPError, match="repair it with"):
+        push(ACT, {"new.txt": b"new"})
+    assert cure(hub, ACT, table).problems == []
+    assert hub.open(ACT).resolve("main") == head
+
+
+def test_a_push_goes_on_where_the_folders_of_revisions_are_lost(world: tuple[LocalHub, Path, Table]):
+    hub, _, table = world
+    head = hub.open(ACT).resolve("main")
+    shutil.rmtree(hub.root / ACT.folder / "snapshots")
+    oid = push(ACT, {"new.txt": b"new"})
+    assert shown(hub, ACT, oid) == table[ACT, head] | {"new.txt": b"new"}
+
+
+def test_a_push_does_not_pass_on_a_lost_file(world: tuple[LocalHub, Path, Table]):
+    hub, _, table = world
+    repository = hub.open(ACT)
+    head = repository.resolve("main")
+    repository.blob(repository.commit(head).files["config.json"].digest).unlink()
+    with pytest.raises(
+        HfHubHTTPError, match=r"'config.json' in 'me/act' is lost or damaged; push that file too"
+    ):
+        push(ACT, {"new.txt": b"new"})
+    with pytest.raises(LocalEntryNotFoundError) as failure:
+        HfApi().hf_hub_download("me/act", "config.json", cache_dir=hub.root.parent / "cache")
+    assert "'config.json' of 'me/act' is lost" in str(failure.value.__cause__)
+    assert push(ACT, {"new.txt": b"new", "config.json": table[ACT, head]["config.json"]})
+    assert verify_named(hub, ACT).problems == []
