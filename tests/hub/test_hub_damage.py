@@ -17,6 +17,7 @@ from tiers import draws
 from typer.testing import CliRunner
 
 from lerobot_act_chunking.cli.hub import app
+from lerobot_act_chunking.diagnostics.outcome import EXIT_CODES
 from lerobot_act_chunking.errors import ActChunkingError
 from lerobot_act_chunking.hub.names import RepoName
 from lerobot_act_chunking.hub.routing import route_to
@@ -246,7 +247,7 @@ def test_a_lost_main_is_named_and_repaired_to_the_newest_revision(world: tuple[L
     head = hub.open(ACT).resolve("main")
     (hub.root / ACT.folder / "refs" / "main").unlink()
     status, lines = command(hub, "verify")
-    assert status == 1
+    assert status == EXIT_CODES["fail"]
     assert any(
         "refs/main is missing; repair it with: act-chunking hub repair me/act" in line for line in lines
     )

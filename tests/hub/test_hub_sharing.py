@@ -10,6 +10,7 @@ from huggingface_hub import HfApi, ModelCard, snapshot_download
 from typer.testing import CliRunner
 
 from lerobot_act_chunking.cli.hub import app
+from lerobot_act_chunking.diagnostics.outcome import EXIT_CODES
 from lerobot_act_chunking.errors import ActChunkingError
 from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.hub import routing
@@ -130,7 +131,7 @@ def test_the_command_line_lists_shows_verifies_and_deletes(hub: LocalHub, remote
     assert command(hub, "verify") == (0, "model me/act: intact, 4 revisions load\n")
     (hub.open(MODEL).ref_folder / "000000").write_text("garbage")
     status, output = command(hub, "verify", "me/act")
-    assert status == 1
+    assert status == EXIT_CODES["fail"]
     assert "1 problems" in output
     assert "still loads: 000001, main" in output
 
