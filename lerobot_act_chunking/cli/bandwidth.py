@@ -7,6 +7,7 @@ import typer
 from rich.console import Console
 
 from lerobot_act_chunking.cli.options import Picture
+from lerobot_act_chunking.cli.progress import shown
 
 if TYPE_CHECKING:
     from lerobot_act_chunking.diagnostics.bandwidth.push import PushStudy
@@ -44,7 +45,10 @@ def bandwidth_command(
         ),
     ] = None,
     crossfade_steps: Annotated[int | None, typer.Option(help="Length of a cross-fade.")] = None,
-    fps: Annotated[float | None, typer.Option(help="Control steps per second; default: 50.")] = None,
+    fps: Annotated[
+        float | None,
+        typer.Option(help="Control steps per second; default: those of the checkpoint's training, else 50."),
+    ] = None,
     disturbance_hz: Annotated[
         float | None, typer.Option(help="Limit: disturbances up to here must be followed, in Hz.")
     ] = None,
@@ -92,7 +96,9 @@ def bandwidth_command(
     if env is not None:
         push = _push(source, task=env, push_m=push_m, push_step=push_step, episodes=episodes, seed=seed)
         fps = push.fps if fps is None else fps
-    report = analyse(source, DEFAULT_FPS if fps is None else fps, limits, push)
+    if fps is None:
+        fps = source.fps or DEFAULT_FPS
+    report = analyse(source, fps, limits, push)
     console = Console()
     written = _write(report, json, out)  # before printing, which a closed pipe may end
     print_card(report, console)
@@ -121,4 +127,5 @@ def _write(report: Any, json: Path | None, out: Path | None) -> list[str]:
 def _push(source: "Source", **options: Any) -> "PushStudy":
     from lerobot_act_chunking.diagnostics.bandwidth.push import study_push
 
-    return study_push(source, **options)
+    with shown("pushing") as progress:
+        return study_push(source, **options, progress=progress)

@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 
 from lerobot_act_chunking.cli.options import Picture
+from lerobot_act_chunking.cli.progress import shown
 
 if TYPE_CHECKING:
     from lerobot_act_chunking.diagnostics.codebook.verdict import Thresholds
@@ -97,10 +98,10 @@ def _diagnose(source: str, dataset: str | None, thresholds: "Thresholds", seed: 
     from lerobot_act_chunking.diagnostics.codebook.report import diagnose
     from lerobot_act_chunking.diagnostics.codebook.subject import find_data, load_subject
 
-    subject = load_subject(source)
-    return _Found(
-        diagnose(subject, *find_data(subject, dataset), thresholds, seed=seed), print_card, plot_report
-    )
+    with shown("coding demonstrations"):
+        subject = load_subject(source)
+        report = diagnose(subject, *find_data(subject, dataset), thresholds, seed=seed)
+    return _Found(report, print_card, plot_report)
 
 
 def _compare(

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lerobot_act_chunking.cli.options import OUT, Picture
+from lerobot_act_chunking.cli.progress import shown
 
 if TYPE_CHECKING:
     from lerobot_act_chunking.diagnostics.latent.report import LatentReport
@@ -39,8 +40,9 @@ def latent_command(
     from lerobot_act_chunking.diagnostics.latent.report import diagnose
     from lerobot_act_chunking.diagnostics.latent.verdict import Thresholds
 
-    subject, read = _read(checkpoint, dataset, samples)
-    report = diagnose(subject, read, Thresholds(), seed=seed)
+    with shown("encoding demonstrations"):
+        subject, read = _read(checkpoint, dataset, samples)
+        report = diagnose(subject, read, Thresholds(), seed=seed)
     _show(report, json, out, [])
     raise typer.Exit(report.exit_code)
 
@@ -68,9 +70,10 @@ def fit_prior_command(
     from lerobot_act_chunking.policies.saving import check_absent
 
     check_absent(out)
-    subject, read = _read(checkpoint, dataset, samples)
-    sample_when_acting(subject, component_weights)
-    report = diagnose(subject, read, Thresholds(), refit=True, seed=seed)
+    with shown("encoding demonstrations"):
+        subject, read = _read(checkpoint, dataset, samples)
+        sample_when_acting(subject, component_weights)
+        report = diagnose(subject, read, Thresholds(), refit=True, seed=seed)
     assert report.density is not None  # noqa: S101  (only codes have none, and those have been refused)
     save_with_density(subject, report.density, out)
     _show(report, json, plot, [f"checkpoint: {out}"])

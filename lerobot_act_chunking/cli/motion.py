@@ -5,6 +5,9 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.markup import escape
+
+from lerobot_act_chunking.cli.progress import shown
 
 from lerobot_act_chunking.cli.options import OUT
 
@@ -27,6 +30,9 @@ def motion_command(
     """Run one episode of a checkpoint and draw frames, actions, grippers and reward."""
     from lerobot_act_chunking.diagnostics.motion import plot_motion, record_motion
 
-    motion = record_motion(policy_path, task=task, seed=seed, success=success)
+    with shown(f"running {task}") as progress:
+        motion = record_motion(policy_path, task=task, seed=seed, success=success, progress=progress)
+    if motion.untrained is not None:
+        Console().print(f"[yellow]untrained:[/] {escape(motion.untrained)}", highlight=False, soft_wrap=True)
     Console().print(f"{motion.title} after {len(motion.commands) * motion.dt:.1f} s")
     Console().print(f"picture: {plot_motion(motion, out)}", soft_wrap=True)

@@ -7,6 +7,7 @@ import typer
 from rich.console import Console
 
 from lerobot_act_chunking.cli.options import Picture
+from lerobot_act_chunking.cli.progress import shown
 
 
 def resolution_command(
@@ -52,7 +53,8 @@ def resolution_command(
         tolerance=tolerance,
         gripper_dims=_numbers("gripper_dims", gripper_dims),
     )
-    report = diagnose(read_episodes(dataset), question)
+    with shown("interpolating demonstrations"):
+        report = diagnose(read_episodes(dataset), question)
     written = []  # before printing, which a closed pipe may end
     if json is not None:
         written.append(f"numbers: {report.write_json(json)}")

@@ -48,7 +48,7 @@ def smoothness_command(
     from lerobot_act_chunking.diagnostics.smoothness.plots import plot_reports
     from lerobot_act_chunking.diagnostics.smoothness.report import to_json
     from lerobot_act_chunking.diagnostics.smoothness.sources import EvaluationSpec
-    from lerobot_act_chunking.diagnostics.smoothness.table import chunk_table, motion_table
+    from lerobot_act_chunking.diagnostics.smoothness.table import chunk_table, motion_table, notes
 
     console = Console()
     spec = EvaluationSpec(task=task, success=success, episodes=episodes, seed=seed, n_envs=n_envs)
@@ -70,5 +70,7 @@ def smoothness_command(
     if out is not None:
         written.append(f"picture: {plot_reports(reports, out)}")
     console.print(motion_table(reports), chunk_table(reports))
+    for note in notes(reports):
+        console.print(f"- {note}", style="dim", markup=False, highlight=False)
     for line in written:
         console.print(line, soft_wrap=True)

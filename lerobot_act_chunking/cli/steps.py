@@ -87,7 +87,14 @@ def _measure(request: "Request", task: str | None, n_seeds: int, console: Consol
         check_task(task)
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console) as bar:
-        report = diagnose(request, _show_on(bar, "sampling"))
+        reading = bar.add_task("reading the checkpoint and its observations", total=None)
+        sampling = _show_on(bar, "sampling")
+
+        def show(done: int, planned: int) -> None:
+            bar.update(reading, visible=False)
+            sampling(done, planned)
+
+        report = diagnose(request, show)
         if task is None:
             return report
         cells = cells_to_run(report.own, [result.cell for result in report.sweep.cells])
@@ -102,7 +109,7 @@ def _measure(request: "Request", task: str | None, n_seeds: int, console: Consol
 
 
 def _show_on(bar: Any, description: str) -> Any:
-    lines: list[Any] = []  # none before there is something to show: refusals come first
+    lines: list[Any] = []
 
     def show(done: int, planned: int) -> None:
         if not lines:

@@ -3,11 +3,14 @@
 from collections.abc import Mapping
 from typing import Any
 
+from lerobot_act_chunking.diagnostics.compatibility import check_features, check_rate
+from lerobot_act_chunking.diagnostics.training import read_training
 from lerobot_act_chunking.envs.aloha.tasks import TASKS as ALOHA_TASKS
 from lerobot_act_chunking.envs.configuration_envs import AlohaSimEnvConfig
 from lerobot_act_chunking.envs.configuration_robotics import RoboticsEnvConfig
 from lerobot_act_chunking.envs.robotics.tasks import TASKS as ROBOTICS_TASKS
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
+from lerobot_act_chunking.policies.loading import LoadedPolicy
 
 EnvironmentConfig = AlohaSimEnvConfig | RoboticsEnvConfig
 
@@ -16,6 +19,11 @@ TASKS: Mapping[str, type[EnvironmentConfig]] = {
     **dict.fromkeys(ROBOTICS_TASKS, RoboticsEnvConfig),
 }
 """Every simulated task by its name, with the environment that has it."""
+
+OTHER_ROBOT = (
+    "run it on the robot or task that it was trained for (--task), or measure its recordings: act-chunking "
+    "smoothness, resolution, codebook, latent and steps take a dataset's folder"
+)
 
 
 def check_task(task: str) -> None:
@@ -26,6 +34,29 @@ def check_task(task: str) -> None:
     """
     if task not in TASKS:
         raise unknown_choice("task", task, TASKS)
+
+
+def environment_of(
+    policy: LoadedPolicy, checkpoint: str, *, task: str, success: str | None = None
+) -> EnvironmentConfig:
+    """The task's environment for a checkpoint, which must be one for this robot and its control rate.
+
+    Args:
+        policy: loaded from it.
+        checkpoint: folder or repo id.
+        task: one of ``TASKS``.
+        success: as of `environment_for`.
+
+    Raises:
+        ConfigurationError: as `environment_for`.
+        FeatureError: another robot's policy, or one for another control rate.
+    """
+    config = policy.policy.config
+    env_config = environment_for(config, task=task, success=success)
+    shapes = {env_config.features_map[key]: feature.shape for key, feature in env_config.features.items()}
+    check_features(config, shapes, f"the task {task}", OTHER_ROBOT)
+    check_rate(read_training(checkpoint, config).fps, env_config.fps, f"the task {task}", OTHER_ROBOT)
+    return env_config
 
 
 def environment_for(config: Any, *, task: str, success: str | None = None) -> EnvironmentConfig:

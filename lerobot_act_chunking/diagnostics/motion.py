@@ -1,12 +1,13 @@
 """What a policy makes the robot do: one episode, its commands, its motion, its pictures."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
+from lerobot_act_chunking.diagnostics.training import untrained
 from lerobot_act_chunking.policies.loading import load_policy
 
 FILMSTRIP_FRAMES = 6
@@ -24,6 +25,7 @@ class Motion:
         rewards: the reward after each step, ``(T,)``.
         frames: ``(step, image)`` pairs, images ``(H, W, 3)`` uint8.
         replans: steps at which the policy planned a new chunk, as far as known.
+        untrained: the sentence that says so, if the policy is.
     """
 
     title: str
@@ -35,9 +37,17 @@ class Motion:
     success: bool
     replans: Sequence[int] = ()
     frames: list[tuple[int, np.ndarray]] = field(default_factory=list)
+    untrained: str | None = None
 
 
-def record_motion(policy_path: str, *, task: str, seed: int, success: str | None = None) -> Motion:
+def record_motion(
+    policy_path: str,
+    *,
+    task: str,
+    seed: int,
+    success: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Motion:
     """Run one episode of a checkpoint, as ``lerobot-eval`` would.
 
     Args:
@@ -45,26 +55,31 @@ def record_motion(policy_path: str, *, task: str, seed: int, success: str | None
         task: as ``insertion`` or ``FetchPush-v4``.
         seed: of the episode.
         success: the environment's success rule; by default its own default.
+        progress: called with the numbers of control steps done and allowed.
 
     Raises:
-        ConfigurationError: no such checkpoint, or it asks for observations the environment does not have.
+        ConfigurationError: no such checkpoint, or cameras that the environment does not have.
+        FeatureError: a policy of another robot or control rate.
     """
-    from lerobot_act_chunking.diagnostics.environments import environment_for
+    from lerobot_act_chunking.diagnostics.environments import environment_of
     from lerobot_act_chunking.diagnostics.rollouts import roll_out
 
     policy = load_policy(policy_path)
     config = policy.policy.config
-    env_config = environment_for(config, task=task, success=success)
+    env_config = environment_of(policy, policy_path, task=task, success=success)
     every = max(1, env_config.episode_length // 40)
     frames: list[tuple[int, np.ndarray]] = []
 
     def film(_seed: int, step: int, env: Any) -> None:
+        if progress is not None:
+            progress(step + 1, env_config.episode_length)
         if step % every == 0:
             frames.append((step, env.render()))
 
     (rollout,) = roll_out(policy, env_config, [seed], on_step=film)
     return Motion(
         title=f"{config.type} on {task}, seed {seed}: {'success' if rollout.success else 'failure'}",
+        untrained=untrained(policy_path),
         dt=rollout.dt,
         joint_names=env_config.action_names,
         commands=rollout.commands,
@@ -84,7 +99,7 @@ def plot_motion(motion: Motion, path: Path) -> Path:
     heights = [1.5 if name.startswith("gripper") else 3 for name in groups]
     figure = Figure(figsize=(12, 3 + sum(heights)), layout="constrained")
     film, plots = cast("tuple[Any, Any]", figure.subfigures(2, 1, height_ratios=[1, 4]))
-    film.suptitle(motion.title)
+    film.suptitle(motion.title if motion.untrained is None else f"{motion.title} (untrained)")
     _draw_film(film, motion)
     axes = plots.subplots(len(groups) + 1, 1, sharex=True, height_ratios=[*heights, 1])
     for ax, (label, joints) in zip(axes[:-1], groups.items(), strict=True):

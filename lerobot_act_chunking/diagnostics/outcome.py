@@ -18,6 +18,11 @@ def print_verdict(verdict: str, reasons: Sequence[str], console: Console) -> Non
     console.print(f"[{COLOURS[verdict]}]{verdict}[/]: {escape('; '.join(reasons))}", highlight=False)
 
 
+def unless_untrained(verdict: str, reasons: Sequence[str], untrained: str | None) -> tuple[str, list[str]]:
+    """The verdict and its reasons; inconclusive, with that first, where the policy is untrained."""
+    return (verdict, [*reasons]) if untrained is None else ("inconclusive", [untrained, *reasons])
+
+
 def write_json(content: dict[str, Any], path: Path) -> Path:
     """Write plain numbers, strings, lists and dictionaries to a file, creating its folder."""
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from lerobot_act_chunking.diagnostics.smoothness.lag import lag_products
 from lerobot_act_chunking.diagnostics.smoothness.metrics import (
     UndefinedMeasureError,
     high_frequency_share,
-    lag_products,
     log_dimensionless_jerk,
     median,
     moving,
@@ -131,9 +131,9 @@ def test_lag_is_found_between_samples_and_jitter_does_not_matter():
     for lag in (0.02, 0.05, 0.113):
         commands = motion(t) + generator.normal(0, 0.002, (300, 2))
         found = lag_products([commands], [motion(t - lag)], DT)
-        assert found.lag([0, 1]) == pytest.approx(lag, abs=0.003)
-        assert found.lag([1]) == pytest.approx(lag, abs=0.004)
-    assert lag_products([commands], [commands], DT).lag([0]) == 0.0
+        assert found.lag([0, 1]).seconds == pytest.approx(lag, abs=0.003)
+        assert found.lag([1]).seconds == pytest.approx(lag, abs=0.004)
+    assert lag_products([commands], [commands], DT).lag([0]).seconds == 0.0
 
 
 def test_the_lag_of_each_dimension_is_its_own():
@@ -141,7 +141,7 @@ def test_the_lag_of_each_dimension_is_its_own():
     commands = np.sin(2 * np.pi * 0.9 * t + [0.0, 0.7])
     positions = np.sin(2 * np.pi * 0.9 * (t - [0.04, 0.16]) + [0.0, 0.7])
     found = lag_products([commands], [positions], DT)
-    assert [found.lag([0]), found.lag([1])] == pytest.approx([0.04, 0.16], abs=0.003)
+    assert [found.lag([dim]).seconds for dim in (0, 1)] == pytest.approx([0.04, 0.16], abs=0.003)
 
 
 def test_what_is_undefined_says_why():
@@ -164,7 +164,7 @@ def test_what_is_undefined_says_why():
 def test_lag_without_motion_or_likeness_is_undefined():
     t = DT * np.arange(200)[:, None]
     wave = np.sin(2 * np.pi * 0.8 * t)
-    with pytest.raises(UndefinedMeasureError, match=r"no command or no motion for 0\.5 s"):
+    with pytest.raises(UndefinedMeasureError, match="no command, or no motion"):
         lag_products([wave], [np.zeros_like(wave)], DT).lag([0])
-    with pytest.raises(UndefinedMeasureError, match="do not resemble each other within"):
-        lag_products([wave], [np.sin(2 * np.pi * 0.8 * (t - 0.6))], DT).lag([0])
+    with pytest.raises(UndefinedMeasureError, match="do not resemble each other: correlation"):
+        lag_products([wave], [np.random.default_rng(0).normal(size=wave.shape).cumsum(0)], DT).lag([0])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lerobot_act_chunking.diagnostics.rollouts import Inference, Rollout
-from lerobot_act_chunking.diagnostics.smoothness.measuring import measure
+from lerobot_act_chunking.diagnostics.smoothness.measuring import NO_DIMENSION, measure
 from lerobot_act_chunking.diagnostics.smoothness.plots import plot_reports
 from lerobot_act_chunking.diagnostics.smoothness.report import to_json
 from lerobot_act_chunking.diagnostics.smoothness.table import chunk_table, motion_table
@@ -169,7 +169,7 @@ def test_without_positions_only_the_commands_are_measured():
 def test_joints_without_grippers_form_one_group():
     report = measure(episodes(), action_std=STD, joint_names=[f"joint_{i}" for i in range(A)])
     assert report.commanded.grippers.sparc is None
-    assert report.undefined["commanded.grippers"] == "no dimension has a name with 'gripper' in it"
+    assert report.undefined["commanded.grippers"] == NO_DIMENSION["grippers"]
     assert report.boundary_to_plan_ratio.keys() == {"arms"}
 
 

@@ -48,7 +48,7 @@ def write_dataset(folder, lengths=(20, 31), names=NAMES, state=True, action="act
 def test_a_dataset_gives_its_episodes(tmp_path):
     path = write_dataset(tmp_path / "waves")
     source = read_dataset(path, replan_interval=7)
-    assert source.joint_names == NAMES
+    assert list(source.joint_names) == NAMES
     assert source.knows_success
     assert [rollout.success for rollout in source.rollouts] == [False, True]
     assert [len(rollout.commands) for rollout in source.rollouts] == [20, 31]

@@ -1,7 +1,8 @@
 """The same question asked of a real policy: the object is pushed; when does the command follow?"""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields, replace
+from functools import partial
 from typing import Any
 
 import mujoco
@@ -10,7 +11,7 @@ import numpy as np
 from lerobot_act_chunking.diagnostics.bandwidth.closed_form import ensemble_weights, filter_for
 from lerobot_act_chunking.diagnostics.bandwidth.filter import ROUNDING, start_up_step
 from lerobot_act_chunking.diagnostics.bandwidth.source import Source, check_positive, read_config, read_source
-from lerobot_act_chunking.diagnostics.environments import environment_for
+from lerobot_act_chunking.diagnostics.environments import environment_of
 from lerobot_act_chunking.diagnostics.rollouts import OnStep, Rollout, roll_out
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES, TASKS
@@ -71,7 +72,14 @@ class PushStudy:
 
 
 def study_push(
-    source: Source, *, task: str, push_m: float, push_step: int, episodes: int, seed: int
+    source: Source,
+    *,
+    task: str,
+    push_m: float,
+    push_step: int,
+    episodes: int,
+    seed: int,
+    progress: Callable[[int, int], None] | None = None,
 ) -> PushStudy:
     """Run the checkpoint with and without a push, as it is, without averaging, and as ``source`` asks.
 
@@ -83,9 +91,11 @@ def study_push(
         push_step: control step during which the object jumps.
         episodes: how many, each with and without the push.
         seed: of the first one.
+        progress: called with the numbers of episodes finished and planned.
 
     Raises:
-        ConfigurationError: no checkpoint, not one for this environment, or a push outside the episode.
+        ConfigurationError: no checkpoint, or a push outside the episode.
+        FeatureError: a policy for another robot or control rate.
     """
     if source.checkpoint is None:
         raise ConfigurationError("a push needs a policy to answer it: give a checkpoint before --env")
@@ -94,17 +104,30 @@ def study_push(
         raise unknown_choice("task to push in", task, TASKS)
     own = read_source(source.checkpoint, {}).settings
     policy = load_for_execution(source.checkpoint)
-    env_config = environment_for(policy.policy.config, task=task, success="touch")
+    env_config = environment_of(policy, source.checkpoint, task=task, success="touch")
     if not 0 <= push_step < env_config.episode_length - 1:
         raise ConfigurationError(
             f"push_step={push_step} is outside the episode: 0 to {env_config.episode_length - 2}"
         )
     seeds = list(range(seed, seed + episodes))
     responses = []
-    for settings in executions(own, source.settings):
+    asked = executions(own, source.settings)
+    for done, settings in enumerate(asked):
         apply_execution(policy, settings)
-        quiet = roll_out(policy, env_config, seeds)
-        pushed = roll_out(policy, env_config, seeds, on_step=push_object(push_step, push_m))
+
+        def show(finished: int, before: int) -> None:
+            if progress is not None:
+                progress(before + finished, 2 * len(asked) * len(seeds))
+
+        before = 2 * done * len(seeds)
+        quiet = roll_out(policy, env_config, seeds, progress=partial(show, before=before))
+        pushed = roll_out(
+            policy,
+            env_config,
+            seeds,
+            on_step=push_object(push_step, push_m),
+            progress=partial(show, before=before + len(seeds)),
+        )
         responses.append(compare(settings, quiet, pushed, push_step + 1))
     return PushStudy(task, push_m, push_step, seeds, float(env_config.fps), responses)
 

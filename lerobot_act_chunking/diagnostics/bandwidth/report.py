@@ -24,6 +24,7 @@ from lerobot_act_chunking.diagnostics.bandwidth.measured import (
 from lerobot_act_chunking.diagnostics.bandwidth.nonlinear import MeasuredStep, measure_steps
 from lerobot_act_chunking.diagnostics.bandwidth.source import Source, check_positive
 from lerobot_act_chunking.diagnostics.outcome import EXIT_CODES, write_json
+from lerobot_act_chunking.diagnostics.training import untrained
 
 if TYPE_CHECKING:
     from lerobot_act_chunking.diagnostics.bandwidth.push import PushStudy
@@ -45,6 +46,13 @@ SAMPLED_PLAN = (
 NO_FORMULA = (
     "The weights depend on what the chunks say, so there is no transfer function: the step responses "
     "are measured on the executor, for steps of several sizes."
+)
+UNKNOWN_RATE = (
+    "The checkpoint does not tell its control rate: figures in Hz and s are for {fps:g} steps a second; give "
+    "--fps if it is another."
+)
+OTHER_RATE = (
+    "The policy was trained at {trained:g} control steps a second; figures in Hz and s are for {fps:g}."
 )
 GRIPPERS = "Dimensions {dims} (grippers) follow the newest chunk alone and are not part of these figures."
 
@@ -141,6 +149,7 @@ def analyse(source: Source, fps: float, limits: Limits, push: "PushStudy | None"
         at_disturbance = _at_disturbance(
             kernel.response(limits.disturbance_hz / fps)[0], limits.disturbance_hz
         )
+    told = None if source.checkpoint is None else untrained(source.checkpoint)
     verdict, reasons = (
         _verdict_on_steps(steps, settings.replan_interval, limits, fps)
         if figures is None or agreement is None
@@ -157,8 +166,8 @@ def analyse(source: Source, fps: float, limits: Limits, push: "PushStudy | None"
         at_disturbance=at_disturbance,
         advice=recommend(settings, limits, fps) if limits.given else None,
         verdict=verdict,
-        reasons=reasons,
-        notes=_notes(source),
+        reasons=reasons if told is None else [*reasons, f"execution alone was looked at: {told}"],
+        notes=_notes(source, fps),
         push=push,
     )
 
@@ -211,7 +220,7 @@ def _nothing_wrong(limits: Limits) -> str:
     return "no limit was given (--disturbance-hz, --max-settle-s, --loop-gain): only the formula was checked"
 
 
-def _notes(source: Source) -> list[str]:
+def _notes(source: Source, fps: float) -> list[str]:
     settings = source.settings
     notes = [PLAN_PASSES]
     if settings.execution == "ensemble":
@@ -221,6 +230,10 @@ def _notes(source: Source) -> list[str]:
         notes.append(SAMPLED_PLAN)
     elif settings.execution in ("adaptive", "coherence"):
         notes = [NO_FORMULA]
+    if source.checkpoint is not None and source.fps is None:
+        notes.insert(0, UNKNOWN_RATE.format(fps=fps))
+    elif source.fps is not None and source.fps != fps:
+        notes.insert(0, OTHER_RATE.format(trained=source.fps, fps=fps))
     if settings.gripper_dims:
         notes.append(GRIPPERS.format(dims=list(settings.gripper_dims)))
     return notes

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, fields
 from typing import Any, get_args
 
+from lerobot_act_chunking.diagnostics.training import read_training
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 from lerobot_act_chunking.execution.settings import ExecutionSettings, Mode, Weighting
 
@@ -14,11 +15,19 @@ _ENSEMBLE_ONLY = ("temporal_ensemble_coeff", "ensemble_weighting")
 
 @dataclass(frozen=True)
 class Source:
-    """An execution and where it was read from."""
+    """An execution and where it was read from.
+
+    Attributes:
+        settings: the execution.
+        checkpoint: folder or repo id, if it was read from one.
+        policy_type: of that policy.
+        fps: control steps per second that it was trained at, as far as the checkpoint or its dataset tells.
+    """
 
     settings: ExecutionSettings
     checkpoint: str | None = None
     policy_type: str | None = None
+    fps: float | None = None
 
 
 def read_source(checkpoint: str | None, overrides: dict[str, Any]) -> Source:
@@ -39,7 +48,8 @@ def read_source(checkpoint: str | None, overrides: dict[str, Any]) -> Source:
     if checkpoint is None:
         return Source(_settings(_ACT, given))
     config = read_config(checkpoint)
-    return Source(_settings(_execution_of(config), given), checkpoint, config.type)
+    settings = _settings(_execution_of(config), given)
+    return Source(settings, checkpoint, config.type, read_training(checkpoint, config).fps)
 
 
 def read_config(checkpoint: str) -> Any:

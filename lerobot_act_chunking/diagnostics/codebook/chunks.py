@@ -6,11 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from lerobot_act_chunking.data.timing import ChunkTiming
+from lerobot_act_chunking.diagnostics.noise_floor import measure_noise
 from lerobot_act_chunking.errors import DatasetError
 
 MOST_CHUNKS = 10_000
-STILL = 1e-3
-"""Share of the largest variance, in normalised units, below which a dimension counts as held still."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +45,7 @@ class DemonstratedChunks:
         step: (N,) first control step, counted from the episode's first.
         progress: (N,) the same from 0 to 1 over the episode.
         control_steps: what a chunk covers.
+        moving: (A,) whether the dimension moves in these demonstrations; the others are in no verdict.
     """
 
     actions: np.ndarray
@@ -54,6 +54,7 @@ class DemonstratedChunks:
     step: np.ndarray
     progress: np.ndarray
     control_steps: int
+    moving: np.ndarray
 
     def __len__(self) -> int:
         return len(self.actions)
@@ -85,14 +86,22 @@ class CodedChunks:
 
     @property
     def chunk_errors(self) -> np.ndarray:
-        """RMS error (N,) of each chunk over valid steps and dimensions, in normalised units."""
-        return np.sqrt(self.lost.mean(1))
+        """RMS error (N,) of each chunk over valid steps and dimensions that move, in normalised units."""
+        return self.errors_of(self.chunks.moving)
+
+    def errors_of(self, dims: np.ndarray) -> np.ndarray:
+        """The same (N,) over the dimensions of a mask (A,)."""
+        return np.sqrt(self.lost[:, dims].mean(1)) if dims.any() else np.zeros(len(self.lost))
 
     @property
     def lost_variance(self) -> np.ndarray:
-        """Share (A,) of each dimension's variance that the codes lose; NaN where hardly anything varies."""
-        moves = self.varies > STILL * self.varies.max()
-        return np.where(moves, self.lost.mean(0) / np.where(moves, self.varies, 1), np.nan)
+        """Share (A,) of each dimension's variance that the codes lose; NaN where nothing moves.
+
+        Codes that are farther off than the mean have lost all of it: 1.
+        """
+        known = self.chunks.moving & (self.varies > 0)
+        shares = self.lost.mean(0) / np.where(known, self.varies, 1)
+        return np.where(known, shares.clip(max=1.0), np.nan)
 
 
 def cut_chunks(
@@ -129,7 +138,15 @@ def cut_chunks(
         step=step,
         progress=step / np.maximum(lengths - 1, 1),
         control_steps=timing.control_steps,
+        moving=_moving(demonstrations),
     )
+
+
+def _moving(demonstrations: ActionEpisodes) -> np.ndarray:
+    """Mask (A,) of the dimensions that move; of all that change, if none stands out of its noise."""
+    floor = measure_noise(list(demonstrations.episodes.values()), demonstrations.fps, demonstrations.names)
+    kinds = np.array([dimension.kind for dimension in floor.dimensions])
+    return kinds == "moves" if floor.moving else kinds != "constant"
 
 
 def _evenly(rows: np.ndarray, most: int) -> np.ndarray:

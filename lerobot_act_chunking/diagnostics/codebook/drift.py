@@ -51,7 +51,7 @@ def measure_drift(
         folder: of the other dataset.
         seed: of the random choices of training episodes.
     """
-    errors, others = training.chunk_errors, other.chunk_errors
+    errors, others = training.chunk_errors, other.errors_of(training.chunks.moving)
     ratio = np.sqrt((others**2).mean() / max((errors**2).mean(), 1e-24))
     return Drift(
         folder=folder,

@@ -74,7 +74,7 @@ def measure_losses(coded: CodedChunks, demonstrations: ActionEpisodes, measure: 
         points=[] if isinstance(measure, RawUnits) else _points(coded, measure),
         unit=measure.unit,
         worst=_worst(coded, demonstrations),
-        lost_variance=float(np.nanmean(shares)),
+        lost_variance=0.0 if np.isnan(shares).all() else float(np.nanmean(shares)),
     )
 
 
@@ -98,7 +98,7 @@ def _worst(coded: CodedChunks, demonstrations: ActionEpisodes) -> list[Moment]:
         if len(found) == WORST:
             break
     errors = np.nan_to_num(coded.errors[found]).max(1)  # (worst, A)
-    dims = coded.lost[found].argmax(1)
+    dims = np.where(chunks.moving, coded.lost[found], -1.0).argmax(1)
     return [
         Moment(
             episode=int(chunks.episode[row]),

@@ -6,6 +6,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from lerobot_act_chunking.diagnostics import outcome
 from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes, CodedChunks, cut_chunks
 from lerobot_act_chunking.diagnostics.codebook.drift import Drift, measure_drift
@@ -14,8 +16,10 @@ from lerobot_act_chunking.diagnostics.codebook.meaning import CodeUse, uses_of_f
 from lerobot_act_chunking.diagnostics.codebook.subject import Subject
 from lerobot_act_chunking.diagnostics.codebook.usage import Usage, measure_usage
 from lerobot_act_chunking.diagnostics.codebook.verdict import Judgement, Thresholds, judge
+from lerobot_act_chunking.diagnostics.noise_floor import listed
 from lerobot_act_chunking.diagnostics.steps.positions import Measure
 from lerobot_act_chunking.diagnostics.steps.sources import measure_of
+from lerobot_act_chunking.diagnostics.training import untrained
 
 BINS = (
     "Its codes are bins of single values and none refines another: what a single code does is not drawn, and "
@@ -122,6 +126,7 @@ def diagnose(
     drift = None
     if coded_other is not None and other is not None:
         drift = measure_drift(coded, coded_other, usage.vocabulary, other.folder, seed=seed)
+    judgement = judge(subject, usage, losses, drift, thresholds)
     return CodebookReport(
         subject=subject,
         demonstrations=demonstrations,
@@ -133,8 +138,10 @@ def diagnose(
         drift=drift,
         other=coded_other,
         thresholds=thresholds,
-        judgement=judge(subject, usage, losses, drift, thresholds),
-        notes=_notes(subject, training, other),
+        judgement=Judgement(
+            *outcome.unless_untrained(judgement.verdict, judgement.reasons, untrained(subject.source))
+        ),
+        notes=[*_notes(subject, training, other), *_still(coded, demonstrations)],
     )
 
 
@@ -156,6 +163,16 @@ def _notes(subject: Subject, training: ActionEpisodes | None, other: ActionEpiso
         (training is not None and other is not None and _same(training, other), lambda: SAME_DATA),
     ]
     return [note() for applies, note in rules if applies]
+
+
+def _still(coded: CodedChunks, demonstrations: ActionEpisodes) -> list[str]:
+    """Dimensions that are in no verdict."""
+    names = [demonstrations.names[dim] for dim in np.flatnonzero(~coded.chunks.moving)]
+    return (
+        [f"{len(names)} dimensions do not move beyond their noise, and do not count: {listed(names)}."]
+        if names
+        else []
+    )
 
 
 def _usage_json(usage: Usage) -> dict[str, Any]:

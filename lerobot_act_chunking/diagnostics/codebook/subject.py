@@ -1,29 +1,21 @@
 """The tokenizer in question: that of a policy's checkpoint, or a file of its own."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from lerobot.utils.constants import ACTION, HF_LEROBOT_HOME
+from lerobot.utils.constants import ACTION
 
 from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes
 from lerobot_act_chunking.diagnostics.codebook.coding import ChunkCoder
 from lerobot_act_chunking.diagnostics.codebook.scale import ActionScale
+from lerobot_act_chunking.diagnostics.training import Training, dataset_fps, read_training
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError, FeatureError
 
 POLICY_TYPE = "vqbet_chunked"
-
-
-@dataclass(frozen=True)
-class TrainedOn:
-    """What a tokenizer says of the data it was trained on: a folder, and which episodes (None: all)."""
-
-    folder: str | None
-    episodes: list[int] | None = None
 
 
 @dataclass(frozen=True)
@@ -45,7 +37,7 @@ class Subject:
     coder: ChunkCoder
     settings: Mapping[str, Any]
     action_dim: int
-    trained_on: TrainedOn
+    trained_on: Training
     unfinished: str | None = None
 
 
@@ -74,7 +66,7 @@ def _from_file(path: Path) -> Subject:
         coder=ChunkCoder(tokenizer, scale, ChunkTiming(1, spec.chunk_size, info.chunk_stride)),
         settings=asdict(spec),
         action_dim=spec.action_dim,
-        trained_on=TrainedOn(info.dataset),
+        trained_on=Training(info.dataset),
     )
 
 
@@ -102,18 +94,8 @@ def _from_policy(checkpoint: str) -> Subject:
         coder=ChunkCoder(policy.tokenizer, ActionScale.of_policy(loaded), config.timing),
         settings=asdict(config.tokenizer_spec),
         action_dim=config.tokenizer_spec.action_dim,
-        trained_on=_trained_on(checkpoint),
+        trained_on=read_training(checkpoint, config),
         unfinished=told,
-    )
-
-
-def _trained_on(checkpoint: str) -> TrainedOn:
-    path = Path(checkpoint) / "train_config.json"
-    if not path.exists():
-        return TrainedOn(None)
-    dataset = json.loads(path.read_text())["dataset"]
-    return TrainedOn(
-        dataset.get("root") or str(HF_LEROBOT_HOME / dataset["repo_id"]), dataset.get("episodes")
     )
 
 
@@ -149,10 +131,12 @@ def read_episodes(folder: str) -> ActionEpisodes:
             f"{ACTION!r} of the dataset at {folder} is not finite in episode "
             f"{found.episode[first]}: leave that out"
         )
-    fps = json.loads((Path(folder) / "meta" / "info.json").read_text())["fps"]
+    fps = dataset_fps(folder)
+    if fps is None:
+        raise DatasetError(f"{folder}/meta/info.json has no control rate (fps) above 0")
     starts = np.flatnonzero(np.diff(found.episode, prepend=-1))
     by_episode = zip(found.episode[starts], np.split(actions, starts[1:]), strict=True)
-    return ActionEpisodes(folder, float(fps), found.names, {int(each): rows for each, rows in by_episode})
+    return ActionEpisodes(folder, fps, found.names, {int(each): rows for each, rows in by_episode})
 
 
 def check_fits(subject: Subject, demonstrations: ActionEpisodes) -> ActionEpisodes:

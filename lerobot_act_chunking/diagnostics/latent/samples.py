@@ -10,11 +10,11 @@ from jaxtyping import Float, Int64
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.datasets.factory import resolve_delta_timestamps
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
-from lerobot.utils.constants import ACTION
 from torch.utils.data import DataLoader, Subset
 
 from lerobot_act_chunking.data.fast_chunks.dataset import FastChunkDataset
 from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
+from lerobot_act_chunking.diagnostics.compatibility import OTHER_DATASET, check_features, check_rate
 from lerobot_act_chunking.errors import DatasetError, FeatureError
 
 AT_ONCE = 256
@@ -71,7 +71,9 @@ def read_samples(folder: str, config: Any, most: int) -> Samples:
     name = f"local/{path.name}"
     try:
         meta = LeRobotDatasetMetadata(name, root=path)
-        _check_features(folder, meta.features, config)
+        shapes = {key: feature["shape"] for key, feature in meta.features.items()}
+        check_features(config, shapes, f"the dataset at {folder}", OTHER_DATASET)
+        check_rate(getattr(config, "fps", None), meta.fps, f"the dataset at {folder}", OTHER_DATASET)
         deltas = resolve_delta_timestamps(config, meta)
         dataset = FastChunkDataset(name, root=path, delta_timestamps=deltas)
         episode = np.asarray(dataset.hf_dataset.with_format("numpy")["episode_index"][:], np.int64)
@@ -83,19 +85,6 @@ def read_samples(folder: str, config: Any, most: int) -> Samples:
         raise DatasetError(f"the dataset at {folder} holds no episodes")
     rows = np.unique(np.linspace(0, len(episode) - 1, most).round().astype(np.int64))
     return Samples(folder, dataset, rows, episode[rows], _progress(episode)[rows])
-
-
-def _check_features(folder: str, features: dict[str, dict[str, Any]], config: Any) -> None:
-    for key, wanted in {**config.input_features, ACTION: config.action_feature}.items():
-        if key not in features:
-            present = ", ".join(features)
-            raise FeatureError(f"the policy needs {key!r}, but the dataset at {folder} has {present}")
-        shape = tuple(features[key]["shape"])
-        if len(wanted.shape) == 1 and shape != tuple(wanted.shape):
-            raise FeatureError(
-                f"{key!r} has shape {shape} in the dataset at {folder}, but the policy was built for "
-                f"{tuple(wanted.shape)}"
-            )
 
 
 def _progress(episode: Int64[np.ndarray, " F"]) -> Float[np.ndarray, " F"]:

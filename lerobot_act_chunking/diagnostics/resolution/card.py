@@ -13,7 +13,7 @@ from lerobot_act_chunking.diagnostics.resolution.strides import Stride
 
 
 def print_card(report: ResolutionReport, console: Console) -> None:
-    """Print every stride, what the recommended one does to each dimension, and the verdict."""
+    """Print every stride, what the judged one does to each dimension, and the verdict."""
     demonstrations, question = report.demonstrations, report.question
     title = f"Chunks of {question.horizon_s:g} s at {demonstrations.fps:g} Hz"
     console.print(f"[bold]{title}[/] [dim]({escape(demonstrations.folder)})[/]", soft_wrap=True)
@@ -21,7 +21,7 @@ def print_card(report: ResolutionReport, console: Console) -> None:
     data = f"{n_chunks} chunks from {len(demonstrations.episodes)} episodes, sampled and interpolated:"
     console.print(data, highlight=False, soft_wrap=True)
     console.print(_strides_table(report))
-    console.print(f"\nat chunk_stride={report.recommended.stride}:", highlight=False)
+    console.print(f"\nat chunk_stride={report.judged.stride}:", highlight=False)
     console.print(_dimensions_table(report))
     for note in report.notes:
         console.print(f"[dim]- {escape(note)}[/]", highlight=False)
@@ -61,10 +61,10 @@ def _dimensions_table(report: ResolutionReport) -> Table:
     table.add_column("off by")
     for name in ("rms", "95 %", "max", "energy above Nyquist"):
         table.add_column(name, justify="right", no_wrap=True)
-    found = report.recommended.reconstruction
-    for deviation, above in zip(
-        found.dimensions, report.recommended.dimensions_above_nyquist.tolist(), strict=True
-    ):
+    found = report.judged.reconstruction
+    above_nyquist = report.judged.dimensions_above_nyquist.tolist()
+    for dim in report.floor.moving:
+        deviation, above = found.dimensions[dim], above_nyquist[dim]
         table.add_row(escape(deviation.name), *_figures(deviation), share(above))
     for point in found.points:
         table.add_row(f"{escape(point.name)} \\[{report.measure.unit}]", *_figures(point), "")

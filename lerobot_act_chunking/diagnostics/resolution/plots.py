@@ -17,7 +17,10 @@ def plot_report(report: ResolutionReport, path: Path) -> Path:
 
     figure = Figure(figsize=(13, 4.6), layout="constrained")
     stride = report.recommended.stride
-    figure.suptitle(f"chunk_stride={stride} is the largest within {report.tolerance}: {report.verdict}")
+    judged = "" if report.judged is report.recommended else f"chunk_stride={report.judged.stride}: "
+    figure.suptitle(
+        f"{judged}{report.verdict}; chunk_stride={stride} is the largest within {report.tolerance}"
+    )
     errors, energy = figure.subplots(1, 2)
     _draw_errors(errors, report)
     _draw_energy(energy, report)

@@ -11,12 +11,14 @@ import numpy as np
 
 from lerobot_act_chunking.diagnostics import outcome
 from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes
+from lerobot_act_chunking.diagnostics.noise_floor import NoiseFloor, measure_noise
 from lerobot_act_chunking.diagnostics.resolution.spectrum import Spectrum, measure_spectrum
 from lerobot_act_chunking.diagnostics.resolution.strides import (
     Stride,
     Tolerance,
     choose_strides,
     chunk_timing,
+    counting,
     measure_stride,
     recommend,
 )
@@ -84,6 +86,8 @@ class ResolutionReport:
         strides: the ones tried, the smallest first.
         tolerance: what was held against them.
         recommended: the largest up to which all are within it.
+        judged: the one in question: that of ``question.chunk_stride``, or the recommended one.
+        floor: which dimensions move.
         verdict: pass, warn, fail or inconclusive ...
         reasons: ... and why.
         notes: what to know about the figures.
@@ -96,6 +100,8 @@ class ResolutionReport:
     strides: list[Stride]
     tolerance: Tolerance
     recommended: Stride
+    judged: Stride
+    floor: NoiseFloor
     verdict: str
     reasons: list[str]
     notes: list[str]
@@ -133,6 +139,8 @@ class ResolutionReport:
                 "chunk_size": self.recommended.timing.chunk_size,
             },
             "unit": self.measure.unit,
+            "judged": self.judged.stride,
+            "dimensions": self.floor.to_json(),
             "strides": [_stride_json(stride) for stride in self.strides],
             "notes": self.notes,
         }
@@ -154,14 +162,16 @@ def diagnose(demonstrations: ActionEpisodes, question: Question) -> ResolutionRe
     chosen = choose_strides(question.strides, question.chunk_stride, question.horizon_s, fps)
     timings = [chunk_timing(stride, question.horizon_s, fps) for stride in chosen]
     measure = measure_of({"names": list(demonstrations.names), "shape": (len(demonstrations.names),)})
-    spectrum = measure_spectrum(demonstrations)
+    floor = measure_noise(list(demonstrations.episodes.values()), fps, demonstrations.names)
+    spectrum = measure_spectrum(demonstrations, floor.moving)
     strides = [
-        measure_stride(demonstrations, timing, measure, spectrum, question.gripper_dims) for timing in timings
+        measure_stride(demonstrations, timing, measure, spectrum, floor, question.gripper_dims)
+        for timing in timings
     ]
     tolerance = _tolerance(question, measure)
     recommended = recommend(strides, tolerance)
     judged = next((each for each in strides if each.stride == question.chunk_stride), recommended)
-    verdict, reasons = _judge(demonstrations, question, judged, recommended, tolerance)
+    verdict, reasons = _judge(demonstrations, question, judged, recommended, tolerance, floor)
     return ResolutionReport(
         demonstrations=demonstrations,
         question=question,
@@ -170,9 +180,11 @@ def diagnose(demonstrations: ActionEpisodes, question: Question) -> ResolutionRe
         strides=strides,
         tolerance=tolerance,
         recommended=recommended,
+        judged=judged,
+        floor=floor,
         verdict=verdict,
         reasons=reasons,
-        notes=_notes(demonstrations, question, measure),
+        notes=[*_notes(demonstrations, question, measure), *floor.notes],
     )
 
 
@@ -189,29 +201,49 @@ def _judge(
     judged: Stride,
     recommended: Stride,
     tolerance: Tolerance,
+    floor: NoiseFloor,
 ) -> tuple[str, list[str]]:
     n_steps = sum(map(len, demonstrations.episodes.values()))
     if n_steps < FEWEST_STEPS:
         return "inconclusive", [f"{n_steps} control steps are too few to judge by, it takes {FEWEST_STEPS}"]
     if np.isnan(judged.above_nyquist):
-        return "inconclusive", ["no action ever changes: there is nothing to resolve"]
+        return "inconclusive", [_nothing_moves(floor)]
     if not judged.worst <= tolerance.value:
         return "fail", [_too_coarse(judged, recommended, tolerance)]
     within = f"at chunk_stride={judged.stride} {_told(judged, tolerance)} (95 % of the steps)"
     reasons = [f"{within}, allowed {tolerance}"]
+    counted = counting(floor, question.gripper_dims)
     fast = [
-        f"{name} ({share:.1%})"
-        for dim, name in enumerate(demonstrations.names)
+        f"{demonstrations.names[dim]} ({share:.1%})"
+        for dim in counted
         if (share := judged.dimensions_above_nyquist[dim]) > MOST_ABOVE_NYQUIST
-        and dim not in question.gripper_dims
     ]
-    if not fast:
-        return "pass", reasons
-    return "warn", [
-        *reasons,
-        f"but energy lies above {judged.nyquist_hz:.3g} Hz, which predictions so far apart cannot show, and "
-        f"returns as slower motion that nobody demonstrated: {', '.join(fast)}",
-    ]
+    if fast:
+        reasons.append(
+            f"but energy lies above {judged.nyquist_hz:.3g} Hz, which predictions so far apart cannot show, "
+            f"and returns as slower motion that nobody demonstrated: {', '.join(fast)}"
+        )
+    hold = [] if tolerance.unit == "mm" else _to_hold(judged, floor, question, tolerance)
+    if hold:
+        named = ", ".join(f"{demonstrations.names[dim]} ({judged.shares[dim]:.1%})" for dim in hold)
+        dims = ",".join(map(str, sorted({*hold, *question.gripper_dims})))
+        reasons.append(
+            f"but hands or grippers are farther off: {named}; hold them between predictions: --gripper-dims "
+            f"{dims} here, --policy.gripper_dims=[{dims}] of the policy"
+        )
+    return "warn" if len(reasons) > 1 else "pass", reasons
+
+
+def _to_hold(judged: Stride, floor: NoiseFloor, question: Question, tolerance: Tolerance) -> list[int]:
+    """Moving dimensions that did not count, and are too far off."""
+    apart = {*floor.moving} - {*counting(floor, question.gripper_dims)} - {*question.gripper_dims}
+    return [dim for dim in sorted(apart) if judged.shares[dim] > tolerance.value]
+
+
+def _nothing_moves(floor: NoiseFloor) -> str:
+    still = all(found.kind == "constant" for found in floor.dimensions)
+    told = "no action ever changes" if still else "no action moves beyond its own noise"
+    return f"{told}: there is nothing to resolve"
 
 
 def _too_coarse(judged: Stride, recommended: Stride, tolerance: Tolerance) -> str:
@@ -222,7 +254,7 @@ def _too_coarse(judged: Stride, recommended: Stride, tolerance: Tolerance) -> st
 def _told(stride: Stride, tolerance: Tolerance) -> str:
     if tolerance.unit == "mm":
         return f"a gripper is up to {stride.worst:.2g} mm off"
-    return f"a dimension is up to {stride.worst:.2%} of its range off"
+    return f"a joint is up to {stride.worst:.2%} of its range off"
 
 
 def _notes(demonstrations: ActionEpisodes, question: Question, measure: Measure) -> list[str]:

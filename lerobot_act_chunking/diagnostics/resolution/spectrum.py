@@ -1,13 +1,12 @@
 """At which frequencies demonstrations move."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes
 
-STILL = 1e-3
-"""Range, as a share of the largest range of any dimension, below which a dimension counts as held still."""
 STRAIGHT = 1e-12
 """Energy, as a share of the squared range, that straight lines leave behind by rounding."""
 SHORTEST = 8
@@ -21,7 +20,7 @@ class Spectrum:
     Attributes:
         frequencies: (F,) [Hz], from 0 to half the control rate.
         power: (F, A), in squared raw units.
-        moves: (A,) whether the dimension moves at all.
+        moves: (A,) whether the dimension moves, by its noise floor.
     """
 
     frequencies: np.ndarray
@@ -39,10 +38,14 @@ class Spectrum:
         return float(shares.mean()) if len(shares) else float("nan")
 
 
-def measure_spectrum(demonstrations: ActionEpisodes) -> Spectrum:
+def measure_spectrum(demonstrations: ActionEpisodes, moving: Sequence[int] | None = None) -> Spectrum:
     """Periodograms of whole episodes: straight line removed, Hann window, interpolated to common frequencies.
 
     Without either, the step from an episode's end back to its start would spread over all frequencies.
+
+    Args:
+        demonstrations: the actions.
+        moving: dimensions that count, if they change at all; by default all.
     """
     from scipy.signal import periodogram
 
@@ -59,5 +62,6 @@ def measure_spectrum(demonstrations: ActionEpisodes) -> Spectrum:
         )
         for dim in range(power.shape[1]):
             power[:, dim] += np.interp(grid, frequencies, density[:, dim]) * len(rows)
-    moves = (spans > STILL * spans.max()) & (power.sum(0) > STRAIGHT * spans**2)
+    counts = np.isin(np.arange(len(spans)), range(len(spans)) if moving is None else moving)
+    moves = counts & (power.sum(0) > STRAIGHT * spans**2)
     return Spectrum(grid, power / len(everything), moves)

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lerobot_act_chunking.data.dimension_names import is_hand
 from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes
+from lerobot_act_chunking.diagnostics.noise_floor import NoiseFloor
 from lerobot_act_chunking.diagnostics.resolution.reconstruction import Reconstruction, reconstruct
 from lerobot_act_chunking.diagnostics.resolution.spectrum import Spectrum
 from lerobot_act_chunking.diagnostics.steps.positions import Measure
@@ -41,7 +43,10 @@ class Stride:
         timing: its chunks.
         fps: control steps per second.
         reconstruction: what interpolation makes of the demonstrations.
-        worst: 95 % deviation in units of the tolerance: of the farthest point, or of the worst dimension.
+        worst: 95 % deviation in units of the tolerance: of the farthest point, or of the worst dimension that
+            counts.
+        shares: 95 % deviation of each dimension (A,) as a share of its range; 0 below its quantisation step,
+            NaN where it does not move.
         above_nyquist: share of the energy above half the rate of predictions.
         dimensions_above_nyquist: the same by dimension (A,); NaN where nothing moves.
     """
@@ -50,6 +55,7 @@ class Stride:
     fps: float
     reconstruction: Reconstruction
     worst: float
+    shares: np.ndarray
     above_nyquist: float
     dimensions_above_nyquist: np.ndarray
 
@@ -96,29 +102,47 @@ def measure_stride(
     timing: ChunkTiming,
     measure: Measure,
     spectrum: Spectrum,
+    floor: NoiseFloor,
     gripper_dims: Sequence[int],
 ) -> Stride:
-    """What one stride loses."""
+    """What one stride loses; hands and what leaps do not count for the worst dimension."""
     found = reconstruct(demonstrations, timing, measure, gripper_dims)
+    shares = _shares(demonstrations, found, floor)
     nyquist = demonstrations.fps / (2 * timing.chunk_stride)
     return Stride(
         timing=timing,
         fps=demonstrations.fps,
         reconstruction=found,
-        worst=_worst(demonstrations, found, spectrum, gripper_dims),
+        worst=_worst(found, shares, counting(floor, gripper_dims)),
+        shares=shares,
         above_nyquist=spectrum.all_above(nyquist),
         dimensions_above_nyquist=spectrum.above(nyquist),
     )
 
 
-def _worst(
-    demonstrations: ActionEpisodes, found: Reconstruction, spectrum: Spectrum, gripper_dims: Sequence[int]
-) -> float:
+def counting(floor: NoiseFloor, gripper_dims: Sequence[int]) -> list[int]:
+    """Dimensions that decide about strides: the moving ones of arms; or all that move, if no arm does.
+
+    Hands and what leaps from one value to another are held by policies (``gripper_dims``), not interpolated.
+    """
+    moving = [dim for dim in floor.moving if dim not in gripper_dims]
+    arms = [dim for dim in moving if dim not in floor.switching and not is_hand(floor.dimensions[dim].name)]
+    return arms or moving
+
+
+def _shares(demonstrations: ActionEpisodes, found: Reconstruction, floor: NoiseFloor) -> np.ndarray:
+    spans = np.ptp(np.concatenate(list(demonstrations.episodes.values())), axis=0).astype(np.float64)
+    shares = np.full(len(spans), np.nan)
+    for dim in floor.moving:
+        error = found.dimensions[dim].p95
+        shares[dim] = error / spans[dim] if error > floor.dimensions[dim].step else 0.0
+    return shares
+
+
+def _worst(found: Reconstruction, shares: np.ndarray, counted: Sequence[int]) -> float:
     if found.farthest is not None:
         return found.farthest.p95
-    spans = np.ptp(np.concatenate(list(demonstrations.episodes.values())), axis=0)
-    counted = [dim for dim in np.flatnonzero(spectrum.moves) if dim not in gripper_dims]
-    return max((found.dimensions[dim].p95 / float(spans[dim]) for dim in counted), default=math.nan)
+    return max((float(shares[dim]) for dim in counted), default=math.nan)
 
 
 def recommend(strides: Sequence[Stride], tolerance: Tolerance) -> Stride:

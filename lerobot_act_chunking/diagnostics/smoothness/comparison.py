@@ -64,6 +64,8 @@ def compare(
                 latency_steps=source.latency_steps,
                 name=name,
                 knows_success=source.knows_success,
+                floor=first.floor,
+                notes=source.notes,
             )
         )
     return reports

@@ -4,6 +4,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from lerobot_act_chunking.data.dimension_names import is_hand
+from lerobot_act_chunking.diagnostics.noise_floor import NoiseFloor
 from lerobot_act_chunking.diagnostics.rollouts import Rollout
 from lerobot_act_chunking.diagnostics.smoothness import chunks, metrics
 from lerobot_act_chunking.diagnostics.smoothness.metrics import UndefinedMeasureError
@@ -14,16 +16,22 @@ from lerobot_act_chunking.diagnostics.smoothness.report import (
     SignalReport,
     SmoothnessReport,
 )
+from lerobot_act_chunking.diagnostics.smoothness.tracking import Tracking, track
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
 from lerobot_act_chunking.errors import DatasetError, FeatureError
 
 FEWEST_EPISODES = 2
 FEWEST_STEPS = 4
 STD_FLOOR = 0.1
-"""Joints that hardly move in the demonstrations count in units of this share of the widest std.
+"""Without demonstrations that say which joints move, units are at least this share of the widest std.
 
-Their own std, zero or a tiny number, would turn their slightest tremor into the largest motion of all.
+Its own std, zero or a tiny number, would turn its slightest tremor into the largest motion of all.
 """
+
+NO_DIMENSION = {
+    "arms": "no dimension moves but those of grippers and hands",
+    "grippers": "no dimension that moves has a name with gripper, hand, finger or thumb in it",
+}
 
 
 def measure(
@@ -34,6 +42,8 @@ def measure(
     latency_steps: int = 0,
     name: str = "",
     knows_success: bool = True,
+    floor: NoiseFloor | None = None,
+    notes: Sequence[str] = (),
 ) -> SmoothnessReport:
     """Measure how smooth some episodes are.
 
@@ -42,10 +52,12 @@ def measure(
             leave the achieved motion out.
         action_std: of the training data, ``(A,)``: what counts as 1 in each dimension (but see `STD_FLOOR`);
             the same for all that is compared.
-        joint_names: of the A dimensions; grippers are those with "gripper" in their name.
+        joint_names: of the A dimensions; grippers are those that `is_hand` takes for one.
         latency_steps: control steps after an inference at which its chunk is first used.
         name: what to call the source.
         knows_success: whether the rollouts' ``success`` means anything.
+        floor: of the demonstrations: dimensions that do not move there are in no group. None: all are.
+        notes: what to know about the source.
 
     Raises:
         DatasetError: fewer than two episodes, or values that are not finite.
@@ -53,7 +65,8 @@ def measure(
     """
     action_std = np.asarray(action_std, float)
     _check(rollouts, action_std, joint_names)
-    study = _Study(rollouts, action_std, joint_names, latency_steps)
+    study = _Study(rollouts, action_std, joint_names, latency_steps, floor)
+    tracking = study.tracking()
     inferences = sum(len(rollout.inferences) for rollout in rollouts)
     return SmoothnessReport(
         name=name,
@@ -66,10 +79,16 @@ def measure(
         commanded=study.signal_report(study.commanded),
         achieved=None if study.achieved is None else study.signal_report(study.achieved),
         boundary_to_plan_ratio=study.boundary_to_plan(),
-        tracking_lag_s=study.tracking_lag(),
+        moving=[joint_names[dim] for dim in study.moving],
+        tracking_lag_s={
+            name: lag and lag.seconds for name, lag in (tracking.groups | tracking.joints).items()
+        },
+        lag_correlation={name: lag and lag.correlation for name, lag in tracking.joints.items()},
+        lag_groups=tracking.alike,
         disagreement=study.disagreement(),
         curves=study.curves(),
         undefined=study.undefined,
+        notes=[*notes, *study.notes],
     )
 
 
@@ -91,15 +110,22 @@ class _Study:
     """The measures of one source, and the reasons why some are undefined."""
 
     def __init__(
-        self, rollouts: Sequence[Rollout], std: np.ndarray, joint_names: Sequence[str], latency_steps: int
+        self,
+        rollouts: Sequence[Rollout],
+        std: np.ndarray,
+        joint_names: Sequence[str],
+        latency_steps: int,
+        floor: NoiseFloor | None,
     ):
         self.rollouts = rollouts
-        self.scale = std.clip(min=STD_FLOOR * std.max())
+        self.moving = list(range(len(joint_names))) if floor is None else floor.moving
+        self.scale = std.clip(min=STD_FLOOR * std.max()) if floor is None else np.where(std > 0, std, 1.0)
         self.latency_steps = latency_steps
         self.undefined: dict[str, str] = {}
-        grippers = [dim for dim, name in enumerate(joint_names) if "gripper" in name]
-        arms = [dim for dim in range(len(joint_names)) if dim not in grippers]
-        self.groups = {"arms": arms, "grippers": grippers}
+        self.notes: list[str] = [] if floor is None else floor.notes
+        grippers = [dim for dim, name in enumerate(joint_names) if is_hand(name)]
+        arms = [dim for dim in self.moving if dim not in grippers]
+        self.groups = {"arms": arms, "grippers": [dim for dim in grippers if dim in self.moving]}
         self.joints = {name: [dim] for dim, name in enumerate(joint_names)}
         starts = [chunks.boundary_steps(rollout, latency_steps) for rollout in rollouts]
         self.commanded = self._signal("commanded", starts)
@@ -133,7 +159,7 @@ class _Study:
     def _measures(self, signal: _Signal, path: str, dims: list[int], unit: float) -> MotionMeasures:
         """Measures of some dimensions; ``unit`` takes jerk from standard deviations to the joint's unit."""
         if not dims:
-            self.undefined[f"{signal.name}.{path}"] = "no dimension has a name with 'gripper' in it"
+            self.undefined[f"{signal.name}.{path}"] = NO_DIMENSION[path]
             return MotionMeasures(*[None] * 6)
         motions = [motion[:, dims] for motion in signal.motions]
         speeds = signal.speeds(dims)
@@ -167,21 +193,25 @@ class _Study:
             if dims
         }
 
-    def tracking_lag(self) -> dict[str, float | None]:
-        parts = {name: dims for name, dims in (self.groups | self.joints).items() if dims}
-        if self.achieved is None:
-            return dict.fromkeys(parts)
-        products = metrics.lag_products(self.commanded.motions, self.achieved.motions, self.commanded.dt)
-        return {
-            name: self.value(f"tracking_lag_s.{name}", lambda dims=dims: products.lag(dims))
-            for name, dims in parts.items()
-        }
+    def tracking(self) -> Tracking:
+        achieved = [] if self.achieved is None else self.achieved.motions
+        groups = {name: dims for name, dims in self.groups.items() if dims}
+        found = track(
+            self.commanded.motions, achieved, self.commanded.dt, list(self.joints), groups, self.moving
+        )
+        self.undefined |= {f"tracking_lag_s.{name}": reason for name, reason in found.undefined.items()}
+        if found.note is not None:
+            self.notes.append(found.note)
+        return found
 
     def disagreement(self) -> DisagreementReport | None:
         try:
             found = chunks.disagreement(self.rollouts, self.scale)
         except UndefinedMeasureError as reason:
             self.undefined["disagreement"] = str(reason)
+            return None
+        if not self.groups["arms"]:
+            self.undefined["disagreement"] = NO_DIMENSION["arms"]
             return None
         arms, grippers = self.groups["arms"], self.groups["grippers"]
         return DisagreementReport(

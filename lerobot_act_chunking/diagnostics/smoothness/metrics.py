@@ -6,7 +6,6 @@ define raises `UndefinedMeasureError` with the reason; none returns NaN.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage, signal
@@ -19,9 +18,6 @@ SPARC_MAX_HZ = 10.0
 SPARC_THRESHOLD = 0.05
 SPARC_PADDING = 4
 HIGH_FREQUENCY_HZ = 5.0
-MAX_LAG_SECONDS = 0.5
-GAUSSIAN_CUTOFF = math.sqrt(math.log(2)) / (2 * math.pi)
-"""Standard deviation in time times -3 dB frequency of a Gaussian low-pass."""
 SPECTRUM_SECONDS = 2.56
 """Length of the windows whose spectra are averaged: a resolution of 0.4 Hz."""
 
@@ -128,48 +124,6 @@ def high_frequency_share(frequencies: np.ndarray, power: np.ndarray) -> float:
     return float(power[frequencies > HIGH_FREQUENCY_HZ].sum() / power.sum())
 
 
-@dataclass(frozen=True)
-class LagProducts:
-    """Sums over time of command and motion velocities, ``(L, D)`` each, L lags from 0 on."""
-
-    dt: float
-    products: np.ndarray
-    commanded: np.ndarray
-    achieved: np.ndarray
-
-    def lag(self, dims: Sequence[int]) -> float:
-        """Delay [s] after which the motion of some dimensions resembles the command most.
-
-        The peak of the velocities' normalised cross-correlation, refined between samples by a parabola.
-        Positions are those at which the command was given, so a robot that arrives within the same control
-        period lags by one period. Only motion below about 5 Hz counts: jitter passes through a robot with
-        another delay than the motion it sits on.
-
-        Raises:
-            UndefinedMeasureError: nothing moves, or there is no peak within `MAX_LAG_SECONDS`.
-        """
-        commanded, achieved = self.commanded[:, dims].sum(1), self.achieved[:, dims].sum(1)
-        if not (commanded.all() and achieved.all()):
-            raise UndefinedMeasureError(f"no command or no motion for {MAX_LAG_SECONDS:g} s")
-        return _peak(self.products[:, dims].sum(1) / np.sqrt(commanded * achieved)) * self.dt
-
-
-def lag_products(commands: Trajectories, positions: Trajectories, dt: float) -> LagProducts:
-    """What `LagProducts.lag` needs, over all episodes."""
-    sigma = GAUSSIAN_CUTOFF / HIGH_FREQUENCY_HZ / dt
-    n_lags = int(MAX_LAG_SECONDS / dt) + 1
-    sums = np.zeros((3, n_lags, commands[0].shape[1]))
-    for command, position in zip(commands, positions, strict=True):
-        asked, done = (
-            ndimage.gaussian_filter1d(np.diff(motion, axis=0), sigma, axis=0)
-            for motion in (command, position)
-        )
-        for lag in range(min(n_lags, len(asked))):
-            early, late = asked[: len(asked) - lag], done[lag:]
-            sums[:, lag] += (early * late).sum(0), np.square(early).sum(0), np.square(late).sum(0)
-    return LagProducts(dt, *sums)
-
-
 def per_episode(
     measure: Callable[[np.ndarray, float], float], speeds: Sequence[np.ndarray], dt: float
 ) -> list[float | None]:
@@ -200,16 +154,3 @@ def _moving_or_raise(speed: np.ndarray, dt: float) -> np.ndarray:
     if in_motion.sum() < 3:
         raise UndefinedMeasureError("nothing moves")
     return in_motion
-
-
-def _peak(correlation: np.ndarray) -> float:
-    """Position of the maximum, between samples."""
-    best = int(correlation.argmax())
-    if best == len(correlation) - 1 or correlation[best] <= 0:
-        raise UndefinedMeasureError(
-            f"motion and command do not resemble each other within {MAX_LAG_SECONDS:g} s"
-        )
-    if best == 0:
-        return 0.0
-    left, middle, right = correlation[best - 1 : best + 2]
-    return float(best + 0.5 * (left - right) / (left - 2 * middle + right))

@@ -3,6 +3,8 @@
 import json
 from dataclasses import asdict, dataclass
 
+from lerobot_act_chunking.diagnostics.smoothness.lag import LagGroup
+
 
 @dataclass(frozen=True)
 class MotionMeasures:
@@ -63,7 +65,16 @@ class Curves:
 
 @dataclass(frozen=True)
 class SmoothnessReport:
-    """Smoothness of one source; ``undefined`` gives the reason for every None, by its path."""
+    """Smoothness of one source; ``undefined`` gives the reason for every None, by its path.
+
+    Attributes:
+        moving: joints that the groups consist of; the others stand still, tremble or are parked.
+        tracking_lag_s: of the groups and of each joint; None where it is unreliable, or where the joints of a
+            group differ.
+        lag_correlation: of each joint's velocities at its lag; None where that is unreliable.
+        lag_groups: joints that lag alike.
+        notes: what to know about the figures.
+    """
 
     name: str
     episodes: int
@@ -75,10 +86,14 @@ class SmoothnessReport:
     commanded: SignalReport
     achieved: SignalReport | None
     boundary_to_plan_ratio: dict[str, float | None]
+    moving: list[str]
     tracking_lag_s: dict[str, float | None]
+    lag_correlation: dict[str, float | None]
+    lag_groups: list[LagGroup]
     disagreement: DisagreementReport | None
     curves: Curves
     undefined: dict[str, str]
+    notes: list[str]
 
 
 def to_json(reports: list[SmoothnessReport], settings: dict[str, object]) -> str:

@@ -9,14 +9,18 @@ import numpy as np
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.utils.constants import ACTION, OBS_STATE
 
+from lerobot_act_chunking.data.dimension_names import dimension_names
 from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
-from lerobot_act_chunking.diagnostics.environments import check_task, environment_for
+from lerobot_act_chunking.diagnostics.environments import check_task, environment_of
+from lerobot_act_chunking.diagnostics.noise_floor import NoiseFloor, measure_noise
 from lerobot_act_chunking.diagnostics.rollouts import Inference, Rollout, roll_out
+from lerobot_act_chunking.diagnostics.training import untrained
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError
 from lerobot_act_chunking.policies.loading import LoadedPolicy, load_policy
 
-POSITIONS = (OBS_STATE, "agent_pos")
+EVALUATED = "agent_pos"
+POSITIONS = (OBS_STATE, EVALUATED)
 """Columns with joint positions: LeRobot's, and the one that ``lerobot-eval --eval.recording=true`` writes."""
 SUCCESS = "next.success"
 Progress = Callable[[int], None]
@@ -46,13 +50,25 @@ class EvaluationSpec:
 
 @dataclass(frozen=True)
 class Source:
-    """Episodes and what is needed to measure them; ``action_std`` (A,) is that of the training data."""
+    """Episodes and what is needed to measure them.
+
+    Attributes:
+        rollouts: the episodes.
+        joint_names: of the A dimensions of an action.
+        action_std: (A,) of the training data.
+        latency_steps: control steps after an inference at which its chunk is first used.
+        knows_success: whether the rollouts' ``success`` means anything.
+        notes: what to know about them, in sentences.
+        floor: of demonstrations: which dimensions move; None for a policy's motion.
+    """
 
     rollouts: list[Rollout]
     joint_names: Sequence[str]
     action_std: np.ndarray
     latency_steps: int = 0
     knows_success: bool = True
+    notes: tuple[str, ...] = ()
+    floor: NoiseFloor | None = None
 
 
 def is_dataset(path: str) -> bool:
@@ -81,10 +97,11 @@ def run_checkpoint(path: str, spec: EvaluationSpec, progress: Progress | None = 
         progress: called with the number of finished episodes.
 
     Raises:
-        ConfigurationError: no such checkpoint, or it fits no such environment.
+        ConfigurationError: no such checkpoint.
+        FeatureError: a policy for another robot or control rate.
     """
     policy = load_policy(path)
-    env_config = environment_for(policy.policy.config, task=spec.task, success=spec.success)
+    env_config = environment_of(policy, path, task=spec.task, success=spec.success)
     seeds = range(spec.seed, spec.seed + spec.episodes)
     rollouts = roll_out(policy, env_config, seeds, n_envs=spec.n_envs, progress=progress)
     std = action_std(policy)
@@ -93,6 +110,7 @@ def run_checkpoint(path: str, spec: EvaluationSpec, progress: Progress | None = 
         joint_names=env_config.action_names,
         action_std=_std_of(rollouts) if std is None else std,
         latency_steps=getattr(policy.policy.config, "latency_steps", 0),
+        notes=tuple(filter(None, [untrained(path)])),
     )
 
 
@@ -124,11 +142,14 @@ def read_dataset(path: str, replan_interval: int | None = None) -> Source:
     rollouts = [rollout for dataset in datasets for rollout in _episodes(dataset, replan_interval)]
     first = datasets[0].meta
     std = first.stats[ACTION]["std"] if first.stats and len(datasets) == 1 else _std_of(rollouts)
+    names = _joint_names(first.features)
     return Source(
         rollouts=rollouts,
-        joint_names=_joint_names(first.features[ACTION]),
+        joint_names=names,
         action_std=np.asarray(std, float),
         knows_success=SUCCESS in first.features,
+        notes=tuple(filter(None, [_no_positions(first.features)])),
+        floor=measure_noise([rollout.commands for rollout in rollouts], first.fps, names),
     )
 
 
@@ -151,8 +172,7 @@ def _open(folder: Path) -> LeRobotDataset:
 
 def _episodes(dataset: LeRobotDataset, replan_interval: int | None) -> list[Rollout]:
     features = dataset.meta.features
-    width = features[ACTION]["shape"]
-    position = next((key for key in POSITIONS if key in features and features[key]["shape"] == width), None)
+    position = _position_key(features)
     wanted = ["episode_index", ACTION, *filter(None, [position, SUCCESS if SUCCESS in features else None])]
     table = dataset.hf_dataset.select_columns(wanted).with_format("numpy")[:]
     commands = np.asarray(table[ACTION], float)
@@ -174,20 +194,38 @@ def _episodes(dataset: LeRobotDataset, replan_interval: int | None) -> list[Roll
     ]
 
 
+def _position_key(features: dict[str, dict[str, Any]]) -> str | None:
+    width = tuple(features[ACTION]["shape"])
+    return next(
+        (key for key in POSITIONS if key in features and tuple(features[key]["shape"]) == width), None
+    )
+
+
+def _no_positions(features: dict[str, dict[str, Any]]) -> str | None:
+    """Why there is no achieved motion."""
+    if _position_key(features) is not None:
+        return None
+    width = features[ACTION]["shape"][0]
+    found = [f"{key} has {features[key]['shape'][0]}" for key in POSITIONS if key in features]
+    there = ", and ".join(found) if found else f"there is no {OBS_STATE}"
+    return (
+        f"the action has {width} numbers, but {there}: which of them belong together is not known, so that "
+        "neither the achieved motion nor its lag is measured"
+    )
+
+
 def _assumed_inferences(steps: int, replan_interval: int | None, width: int) -> tuple[Inference, ...]:
     if replan_interval is None:
         return ()
     return tuple(Inference(step, np.empty((0, width))) for step in range(0, steps, replan_interval))
 
 
-def _joint_names(action: dict[str, Any]) -> list[str]:
-    """The dataset's own names; ALOHA's where it has none for its 14 (lerobot-eval's recordings)."""
-    names, (width,) = action.get("names"), action["shape"]
-    if isinstance(names, dict):
-        names = next(iter(names.values()))
-    if names and len(names) == width:
-        return list(names)
-    return list(JOINT_NAMES) if width == len(JOINT_NAMES) else [f"joint_{dim}" for dim in range(width)]
+def _joint_names(features: dict[str, dict[str, Any]]) -> list[str]:
+    """The dataset's own names; ALOHA's for what lerobot-eval records of it without any."""
+    action = features[ACTION]
+    if EVALUATED in features and not action.get("names") and tuple(action["shape"]) == (len(JOINT_NAMES),):
+        return list(JOINT_NAMES)
+    return list(dimension_names(action))
 
 
 def _std_of(rollouts: list[Rollout]) -> np.ndarray:

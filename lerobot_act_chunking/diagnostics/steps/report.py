@@ -1,18 +1,20 @@
 """Everything the diagnosis found, as one object: the command prints it, JSON holds it, plots draw it."""
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from lerobot.utils.constants import ACTION
+
 from lerobot_act_chunking.diagnostics import outcome
-from lerobot_act_chunking.diagnostics.bandwidth.source import check_positive
+from lerobot_act_chunking.diagnostics.bandwidth.source import check_positive, read_config
 from lerobot_act_chunking.diagnostics.steps import plateau
 from lerobot_act_chunking.diagnostics.steps.grid import Cell, make_grid
 from lerobot_act_chunking.diagnostics.steps.positions import Measure
 from lerobot_act_chunking.diagnostics.steps.results import CellResult, Sweep
-from lerobot_act_chunking.diagnostics.steps.sources import HeldOut, hold_out
+from lerobot_act_chunking.diagnostics.steps.sources import HeldOut, hold_out, measure_of
 from lerobot_act_chunking.diagnostics.steps.subject import (
     PolicySubject,
     executed_steps,
@@ -22,6 +24,8 @@ from lerobot_act_chunking.diagnostics.steps.subject import (
 from lerobot_act_chunking.diagnostics.steps.success import SuccessOfCell
 from lerobot_act_chunking.diagnostics.steps.sweep import Progress, Scale, run_sweep
 from lerobot_act_chunking.diagnostics.steps.verdict import Judgement, judge
+from lerobot_act_chunking.diagnostics.training import dataset_features, read_training, untrained
+from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
 from lerobot_act_chunking.errors import ConfigurationError
 
 DEFAULT_TOLERANCE_MM = 0.5
@@ -161,6 +165,7 @@ def diagnose(request: Request, progress: Progress | None = None) -> StepsReport:
         FeatureError: the dataset lacks what the policy observes.
     """
     check_positive(tolerance=request.tolerance)
+    _check_tolerance(request)
     policy = load_steppable(request.checkpoint)
     config = policy.policy.config
     configured = own_cell(config)
@@ -179,6 +184,10 @@ def diagnose(request: Request, progress: Progress | None = None) -> StepsReport:
     scale = Scale(tolerance=tolerance, seed=request.seed)
     sweep = run_sweep(subject, grid, held_out.demonstrated, held_out.measure, scale, progress)
     judgement = judge(sweep, grid.own, tolerance, held_out.measure.unit)
+    verdict, reasons = outcome.unless_untrained(
+        judgement.verdict, judgement.reasons, untrained(request.checkpoint)
+    )
+    judgement = replace(judgement, verdict=verdict, reasons=reasons)
     return StepsReport(
         request=request,
         settings=_settings(config, n_steps),
@@ -189,6 +198,23 @@ def diagnose(request: Request, progress: Progress | None = None) -> StepsReport:
         judgement=judgement,
         notes=_notes(sweep, judgement, held_out, configured, grid.own),
     )
+
+
+def _check_tolerance(request: Request) -> None:
+    """Refuse a missing tolerance before anything is loaded, as far as the action's size or the names tell.
+
+    Raises:
+        ConfigurationError: it is needed.
+    """
+    if request.tolerance is not None:
+        return
+    config = read_config(request.checkpoint)
+    action = config.action_feature
+    if action is None:
+        return
+    folder = request.dataset or read_training(request.checkpoint, config).folder
+    unknown = {"names": JOINT_NAMES if action.shape == (len(JOINT_NAMES),) else None, "shape": action.shape}
+    _tolerance(None, measure_of(dataset_features(folder).get(ACTION, unknown)))
 
 
 def _tolerance(asked: float | None, measure: Measure) -> float:

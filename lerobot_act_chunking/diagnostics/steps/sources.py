@@ -1,7 +1,5 @@
 """Observations that a policy is asked about, with what the demonstrator did there."""
 
-import json
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,9 +9,12 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.utils.constants import ACTION
 from torch.utils.data import default_collate
 
+from lerobot_act_chunking.data.dimension_names import dimension_names
 from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
+from lerobot_act_chunking.diagnostics.compatibility import OTHER_DATASET, check_features, check_rate
 from lerobot_act_chunking.diagnostics.steps.positions import AlohaGraspPoints, Measure, RawUnits, is_aloha
 from lerobot_act_chunking.diagnostics.steps.sweep import Demonstrated
+from lerobot_act_chunking.diagnostics.training import Training, read_training
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError, FeatureError
 
 SLOW = 0.25
@@ -62,17 +63,17 @@ def hold_out(
     Raises:
         DatasetError: no dataset, or one that is damaged or has too short episodes.
         ConfigurationError: numbers below 1.
-        FeatureError: the dataset lacks what the policy observes.
+        FeatureError: the dataset lacks what the policy observes, or is another robot's.
     """
     for name, value in (("episodes", episodes), ("observations", observations)):
         if value < 1:
             raise ConfigurationError(f"{name}={value} must be at least 1")
-    trained_on = _training_dataset(checkpoint)
-    folder = Path(path or trained_on.get("root") or "")
+    training = read_training(checkpoint, config)
+    folder = Path(path or training.folder or "")
     if not (folder / "meta" / "info.json").exists():
         absent = f"there is no dataset at {path}" if path else "the checkpoint's training dataset is not here"
         raise DatasetError(f"{absent}: give a LeRobotDataset's folder (with meta/info.json) as --dataset")
-    dataset = _open(folder, config)
+    dataset = _open(folder, config, training.fps)
     actions = _column(dataset, ACTION).astype(np.float64)
     measure = measure_of(dataset.meta.features[ACTION])
     spans = _spans(_column(dataset, "episode_index"))
@@ -90,7 +91,7 @@ def hold_out(
         dataset=str(folder),
         fps=float(dataset.meta.fps),
         episodes=chosen,
-        seen_in_training=_seen(folder, chosen, trained_on),
+        seen_in_training=_seen(folder, chosen, training),
         observations=_collate(dataset, rows, config),
         demonstrated=Demonstrated(actions[windows], near[windows]),
         measure=measure,
@@ -99,16 +100,8 @@ def hold_out(
 
 def measure_of(action: dict[str, Any]) -> Measure:
     """Grasp points for ALOHA's joints, raw units for all other actions of a LeRobot feature."""
-    names = action_names(action)
+    names = dimension_names(action)
     return AlohaGraspPoints() if is_aloha(names) else RawUnits(names)
-
-
-def action_names(action: dict[str, Any]) -> Sequence[str]:
-    """The names of a LeRobot feature's dimensions, which come as a list or grouped."""
-    names, (width,) = action.get("names"), action["shape"]
-    if isinstance(names, dict):
-        names = [name for group in names.values() for name in group]
-    return tuple(names) if names and len(names) == width else tuple(f"action_{dim}" for dim in range(width))
 
 
 def near_contact(points: np.ndarray, grippers: np.ndarray, fps: float) -> np.ndarray:
@@ -129,16 +122,15 @@ def near_contact(points: np.ndarray, grippers: np.ndarray, fps: float) -> np.nda
     return slow | (np.convolve(moving, np.ones(around), "full")[around // 2 :][: len(moving)] > 0)
 
 
-def _open(folder: Path, config: Any) -> LeRobotDataset:
+def _open(folder: Path, config: Any, trained_fps: float | None) -> LeRobotDataset:
     quiet_missing_ffmpeg()
     wanted = list(config.input_features)
     deltas = config.observation_delta_indices or [0]
     try:
         plain = LeRobotDataset(f"local/{folder.name}", root=folder)
-        for key in (*wanted, ACTION):
-            if key not in plain.meta.features:
-                present = ", ".join(plain.meta.features)
-                raise FeatureError(f"the policy needs {key!r}, but the dataset at {folder} has {present}")
+        shapes = {key: feature["shape"] for key, feature in plain.meta.features.items()}
+        check_features(config, shapes, f"the dataset at {folder}", OTHER_DATASET)
+        check_rate(trained_fps, plain.meta.fps, f"the dataset at {folder}", OTHER_DATASET)
         times = {key: [delta / plain.meta.fps for delta in deltas] for key in wanted}
         return LeRobotDataset(f"local/{folder.name}", root=folder, delta_timestamps=times)
     except FeatureError:
@@ -161,7 +153,7 @@ def _spans(episode_index: np.ndarray) -> dict[int, tuple[int, int]]:
 
 
 def _grippers(action: dict[str, Any]) -> list[int]:
-    return [dim for dim, name in enumerate(action_names(action)) if "gripper" in name]
+    return [dim for dim, name in enumerate(dimension_names(action)) if "gripper" in name]
 
 
 def _evenly(rows: np.ndarray, count: int) -> np.ndarray:
@@ -174,13 +166,7 @@ def _collate(dataset: LeRobotDataset, rows: np.ndarray, config: Any) -> dict[str
     return default_collate([{key: item[key] for key in kept} for item in items])
 
 
-def _training_dataset(checkpoint: str) -> dict[str, Any]:
-    """What the training configuration beside a checkpoint says about its dataset; empty if there is none."""
-    path = Path(checkpoint) / "train_config.json"
-    return json.loads(path.read_text())["dataset"] if path.exists() else {}
-
-
-def _seen(folder: Path, episodes: list[int], trained_on: dict[str, Any]) -> bool:
-    if not trained_on.get("root") or folder.resolve() != Path(trained_on["root"]).resolve():
+def _seen(folder: Path, episodes: list[int], training: Training) -> bool:
+    if training.folder is None or folder.resolve() != Path(training.folder).resolve():
         return False
-    return trained_on.get("episodes") is None or bool(set(episodes) & set(trained_on["episodes"]))
+    return training.episodes is None or bool(set(episodes) & set(training.episodes))

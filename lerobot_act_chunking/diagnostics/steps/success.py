@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from lerobot_act_chunking.diagnostics.environments import environment_for
+from lerobot_act_chunking.diagnostics.environments import environment_of
 from lerobot_act_chunking.diagnostics.rollouts import roll_out
 from lerobot_act_chunking.diagnostics.steps.grid import Cell
 from lerobot_act_chunking.diagnostics.success import SuccessRate
@@ -43,11 +43,12 @@ def success_by_steps(
         progress: called with the numbers of episodes finished and planned.
 
     Raises:
-        ConfigurationError: an unknown task, or a policy for another environment.
+        ConfigurationError: an unknown task.
+        FeatureError: a policy for another robot or control rate.
     """
     policy = load_policy(checkpoint)
     config = policy.policy.config
-    env_config = environment_for(config, task=task)
+    env_config = environment_of(policy, checkpoint, task=task)
     found = []
     for done, cell in enumerate(cells):
         config.sampler, config.num_inference_steps = cell.sampler, cell.n_steps

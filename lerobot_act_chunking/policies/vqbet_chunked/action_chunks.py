@@ -19,6 +19,7 @@ from lerobot.processor import (
 from lerobot.utils.constants import ACTION
 from torch import Tensor
 
+from lerobot_act_chunking.data.dimension_names import dimension_names
 from lerobot_act_chunking.data.fast_chunks.windows import EpisodeWindows
 from lerobot_act_chunking.data.masking import hold_padding
 from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
@@ -74,7 +75,7 @@ def read_demonstrations(folder: Path) -> Demonstrations:
         episode = np.concatenate([table["episode_index"].to_numpy() for table in tables])
     except Exception as error:  # whatever LeRobot and its parsers raise on damaged files
         raise DatasetError(f"the actions of the dataset at {folder} cannot be read: {error!r}") from error
-    names = _names(feature.get("names"), width)
+    names = dimension_names(feature)
     return Demonstrations(
         folder, names, torch.from_numpy(actions), episode.astype(np.int64), meta.stats or {}
     )
@@ -149,9 +150,3 @@ def _apply(step: Any, actions: Tensor) -> Tensor:
 def _rows(column: Any, width: int) -> Float[np.ndarray, "F A"]:
     flat = np.concatenate([chunk.flatten().to_numpy() for chunk in column.chunks])
     return flat.astype(np.float32).reshape(-1, width)
-
-
-def _names(names: Any, width: int) -> tuple[str, ...]:
-    if isinstance(names, dict):  # LeRobot also groups them
-        names = [name for group in names.values() for name in group]
-    return tuple(names) if names and len(names) == width else tuple(f"action_{dim}" for dim in range(width))

@@ -8,7 +8,8 @@ from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes
 from lerobot_act_chunking.diagnostics.codebook.coding import ChunkCoder
 from lerobot_act_chunking.diagnostics.codebook.scale import ActionScale
-from lerobot_act_chunking.diagnostics.codebook.subject import Subject, TrainedOn
+from lerobot_act_chunking.diagnostics.codebook.subject import Subject
+from lerobot_act_chunking.diagnostics.training import Training
 from lerobot_act_chunking.tokenizers.tokenizer import ActionTokenizer
 
 A, C, STRIDE = 2, 4, 3
@@ -61,7 +62,7 @@ def subject(coded_by=None, *, folder="data", unfinished=None, **settings):
         coder=coder(coded_by),
         settings=usual | settings,
         action_dim=A,
-        trained_on=TrainedOn(folder),
+        trained_on=Training(folder),
         unfinished=unfinished,
     )
 

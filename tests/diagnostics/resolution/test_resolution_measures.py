@@ -5,6 +5,7 @@ import pytest
 
 from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes
+from lerobot_act_chunking.diagnostics.noise_floor import Dimension, NoiseFloor, measure_noise
 from lerobot_act_chunking.diagnostics.resolution.reconstruction import reconstruct, whole_chunks
 from lerobot_act_chunking.diagnostics.resolution.spectrum import measure_spectrum
 from lerobot_act_chunking.diagnostics.resolution.strides import (
@@ -157,7 +158,8 @@ def test_drift_is_no_high_frequency():
 
 
 def test_what_is_still_has_no_spectrum():
-    spectrum = measure_spectrum(demonstrations(wave(2), still, lambda time: 1e-5 * wave(20)(time)))
+    data = demonstrations(wave(1), still, lambda time: 1e-5 * wave(20)(time))
+    spectrum = measure_spectrum(data, measure_noise(list(data.episodes.values()), FPS, data.names).moving)
     assert spectrum.moves.tolist() == [True, False, False]
     assert np.isnan(spectrum.above(5)).tolist() == [False, True, True]
     assert spectrum.all_above(5) < 1e-3
@@ -176,10 +178,18 @@ def test_episodes_too_short_for_a_spectrum_are_left_out():
     )
 
 
-def make_strides(data, strides, gripper_dims=()):
-    spectrum, measure = measure_spectrum(data), RawUnits(data.names)
+def floor_of(data, parked):
+    kinds = ["noise" if dim in parked else "moves" for dim in range(len(data.names))]
+    return NoiseFloor(
+        tuple(Dimension(*each, False, 0.0, 0.0, 1.0) for each in zip(data.names, kinds, strict=True))
+    )
+
+
+def make_strides(data, strides, gripper_dims=(), parked=()):
+    floor, measure = floor_of(data, parked), RawUnits(data.names)
+    spectrum = measure_spectrum(data, floor.moving)
     timings = [chunk_timing(stride, 1.0, FPS) for stride in strides]
-    return [measure_stride(data, timing, measure, spectrum, gripper_dims) for timing in timings]
+    return [measure_stride(data, timing, measure, spectrum, floor, gripper_dims) for timing in timings]
 
 
 def test_a_stride_s_figures():
@@ -192,7 +202,7 @@ def test_a_stride_s_figures():
 
 def test_what_is_held_or_still_is_not_held_against_the_tolerance():
     data = demonstrations(wave(0.5), steps, lambda time: 1e-6 * wave(20)(time))
-    free, held = (make_strides(data, [5], dims)[0].worst for dims in ((), (1,)))
+    free, held = (make_strides(data, [5], dims, parked=(2,))[0].worst for dims in ((), (1,)))
     assert free > 0.1
     assert held < 0.01
 

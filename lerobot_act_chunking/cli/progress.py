@@ -1,0 +1,20 @@
+"""Progress of what takes longer than a moment, on the terminal."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+
+@contextmanager
+def shown(description: str) -> Iterator[Callable[[int, int], None]]:
+    """A line that says what is being done, and how far it is once that is known.
+
+    Yields:
+        What to call with the numbers done and planned.
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        line = bar.add_task(description, total=None)
+        yield lambda done, planned: bar.update(line, completed=done, total=planned)
