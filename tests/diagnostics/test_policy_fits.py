@@ -59,12 +59,12 @@ def test_another_robot_s_policy_is_refused_by_its_sizes(tmp_path, capsys, comman
 def test_a_missing_observation_and_another_rate_are_named(tmp_path):
     strange = {**STATE, "observation.force": PolicyFeature(FeatureType.STATE, (3,))}
     policy = make_policy(inputs=strange)
-    with pytest.raises(FeatureError, match=r"needs 'observation\.force', but the task insertion has "):
-        environment_of(policy, "nowhere", task="insertion")
+    with pytest.raises(FeatureError, match=r"needs 'observation\.force', but the task transfer_cube has "):
+        environment_of(policy, "nowhere", task="transfer_cube")
     slow = make_policy(fps=30)
     with pytest.raises(FeatureError, match=r"trained at 30 control steps a second, the task .* runs at 50"):
-        environment_of(slow, "nowhere", task="insertion")
-    assert environment_of(make_policy(fps=50), "nowhere", task="insertion").fps == 50
+        environment_of(slow, "nowhere", task="transfer_cube")
+    assert environment_of(make_policy(fps=50), "nowhere", task="transfer_cube").fps == 50
 
 
 def test_the_rate_is_that_of_the_training_data(tmp_path):

@@ -136,7 +136,7 @@ def _coarse(settings: Mapping[str, Any], losses: Losses, thresholds: Thresholds)
         findings.append((grade, f"{told}, which the policy's offset has to make up for: {_finer(settings)}"))
     unsaid = [loss for loss in losses.dimensions if (loss.lost_variance or 0.0) > thresholds.unsaid]
     if unsaid:
-        named = ", ".join(f"{loss.name} ({loss.lost_variance or 0.0:.0%} lost)" for loss in unsaid)
+        named = ", ".join(f"{loss.name} ({min(1.0, loss.lost_variance or 0.0):.0%} lost)" for loss in unsaid)
         told = f"they hardly tell {named}: ways that differ in these alone have the same codes"
         findings.append(("warn", told if grade else f"{told}; {_finer(settings)}"))
     return findings

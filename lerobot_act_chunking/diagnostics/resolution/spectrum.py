@@ -63,5 +63,5 @@ def measure_spectrum(demonstrations: ActionEpisodes, moving: Sequence[int] | Non
         for dim in range(power.shape[1]):
             power[:, dim] += np.interp(grid, frequencies, density[:, dim]) * len(rows)
     counts = np.isin(np.arange(len(spans)), range(len(spans)) if moving is None else moving)
-    moves = counts & (power.sum(0) > STRAIGHT * spans**2)
+    moves = counts & (spans > 0) & (power.sum(0) > STRAIGHT * spans**2)
     return Spectrum(grid, power / len(everything), moves)

@@ -22,7 +22,7 @@ from lerobot_act_chunking.diagnostics.bandwidth.push import (
 from lerobot_act_chunking.diagnostics.bandwidth.push_plot import plot_push
 from lerobot_act_chunking.diagnostics.bandwidth.report import analyse
 from lerobot_act_chunking.diagnostics.bandwidth.source import read_source
-from lerobot_act_chunking.diagnostics.environments import environment_for
+from lerobot_act_chunking.diagnostics.environments import environment_of
 from lerobot_act_chunking.diagnostics.rollouts import Inference, Rollout
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
 from lerobot_act_chunking.errors import ConfigurationError
@@ -69,10 +69,10 @@ def checkpoint(folder, type_="act_chunked", **settings):
 
 @pytest.fixture
 def short_episodes(monkeypatch):
-    def short(config, **options):
-        return dataclasses.replace(environment_for(config, **options), episode_length=STEPS)
+    def short(policy, path, **options):
+        return dataclasses.replace(environment_of(policy, path, **options), episode_length=STEPS)
 
-    monkeypatch.setattr(push_module, "environment_for", short)
+    monkeypatch.setattr(push_module, "environment_of", short)
 
 
 def study(path, task="transfer_cube", push_step=PUSH_STEP, episodes=2, **overrides):

@@ -23,7 +23,7 @@ def acted(monkeypatch):
 
     policy = SimpleNamespace(policy=SimpleNamespace(config=config))
     monkeypatch.setattr(success, "load_policy", lambda checkpoint: policy)
-    monkeypatch.setattr(success, "environment_for", lambda config, task: task)
+    monkeypatch.setattr(success, "environment_of", lambda policy, path, task: task)
     monkeypatch.setattr(success, "roll_out", roll_out)
     return acted
 
