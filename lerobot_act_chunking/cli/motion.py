@@ -7,9 +7,8 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from lerobot_act_chunking.cli.progress import shown
-
 from lerobot_act_chunking.cli.options import OUT
+from lerobot_act_chunking.cli.progress import shown
 
 
 def motion_command(

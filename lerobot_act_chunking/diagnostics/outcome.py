@@ -18,9 +18,11 @@ def print_verdict(verdict: str, reasons: Sequence[str], console: Console) -> Non
     console.print(f"[{COLOURS[verdict]}]{verdict}[/]: {escape('; '.join(reasons))}", highlight=False)
 
 
-def unless_untrained(verdict: str, reasons: Sequence[str], untrained: str | None) -> tuple[str, list[str]]:
-    """The verdict and its reasons; inconclusive, with that first, where the policy is untrained."""
-    return (verdict, [*reasons]) if untrained is None else ("inconclusive", [untrained, *reasons])
+def with_untrained(verdict: str, reasons: Sequence[str], untrained: str | None) -> tuple[str, list[str]]:
+    """The verdict and its reasons; where the policy is untrained that comes first, and it passes nothing."""
+    if untrained is None:
+        return verdict, [*reasons]
+    return "warn" if verdict == "pass" else verdict, [untrained, *reasons]
 
 
 def write_json(content: dict[str, Any], path: Path) -> Path:

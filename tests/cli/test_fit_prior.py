@@ -156,5 +156,5 @@ def test_refusals(dataset, checkpoint, tmp_path, capsys):
 def test_a_dataset_of_another_robot(checkpoint, tmp_path, capsys):
     other = write_dataset(tmp_path / "other", width=5)
     told = refusal(capsys, "latent", checkpoint, other)
-    assert "'action' has shape (5,) in the dataset" in told
-    assert "built for (2,)" in told
+    assert "trained with 2 numbers of 'action', the dataset at" in told
+    assert "has 5 numbers: give a dataset of the same robot" in told

@@ -9,7 +9,7 @@ from small_policies import STATE, make_policy, save
 
 from lerobot_act_chunking.cli.main import main
 from lerobot_act_chunking.diagnostics.environments import environment_of
-from lerobot_act_chunking.diagnostics.outcome import unless_untrained
+from lerobot_act_chunking.diagnostics.outcome import with_untrained
 from lerobot_act_chunking.diagnostics.training import read_training, untrained
 from lerobot_act_chunking.errors import ConfigurationError, FeatureError
 
@@ -43,9 +43,10 @@ def test_a_denoiser_without_normalisation_is_told_by_its_zeros(tmp_path):
         assert (untrained(str(folder)) is None) == (name == "learnt")
 
 
-def test_an_untrained_policy_gets_no_verdict_but_this():
-    assert unless_untrained("pass", ["fine"], None) == ("pass", ["fine"])
-    assert unless_untrained("pass", ["fine"], "untrained") == ("inconclusive", ["untrained", "fine"])
+def test_an_untrained_policy_passes_nothing_and_it_is_said_first():
+    assert with_untrained("pass", ["fine"], None) == ("pass", ["fine"])
+    assert with_untrained("pass", ["fine"], "untrained") == ("warn", ["untrained", "fine"])
+    assert with_untrained("fail", ["bad"], "untrained") == ("fail", ["untrained", "bad"])
 
 
 @pytest.mark.parametrize("command", ["motion", "smoothness"])

@@ -139,7 +139,7 @@ def diagnose(
         other=coded_other,
         thresholds=thresholds,
         judgement=Judgement(
-            *outcome.unless_untrained(judgement.verdict, judgement.reasons, untrained(subject.source))
+            *outcome.with_untrained(judgement.verdict, judgement.reasons, untrained(subject.source))
         ),
         notes=[*_notes(subject, training, other), *_still(coded, demonstrations)],
     )

@@ -23,7 +23,7 @@ from lerobot_act_chunking.diagnostics.latent.measures import (
 from lerobot_act_chunking.diagnostics.latent.samples import Samples
 from lerobot_act_chunking.diagnostics.latent.subject import Subject
 from lerobot_act_chunking.diagnostics.latent.verdict import Evidence, Judgement, Thresholds, judge
-from lerobot_act_chunking.diagnostics.outcome import EXIT_CODES, unless_untrained, write_json
+from lerobot_act_chunking.diagnostics.outcome import EXIT_CODES, with_untrained, write_json
 from lerobot_act_chunking.diagnostics.training import untrained
 from lerobot_act_chunking.nn.latents.categorical import CategoricalLatent
 from lerobot_act_chunking.nn.latents.gaussian import GaussianLatent
@@ -65,7 +65,7 @@ class LatentReport:
 
     @property
     def exit_code(self) -> int:
-        """Of the command: 0 pass or warn, 1 fail, 2 inconclusive."""
+        """Of the command, as `EXIT_CODES` has it."""
         return EXIT_CODES[self.judgement.verdict]
 
     def to_json(self) -> dict[str, Any]:
@@ -136,7 +136,7 @@ def diagnose(
     check = next(prior for prior in priors if prior.name == acting)
     evidence = Evidence(subject.config, health, means, check, groups, is_fitted=acting == FITTED)
     judgement = judge(evidence, thresholds)
-    verdict, reasons = unless_untrained(judgement.verdict, judgement.reasons, untrained(subject.checkpoint))
+    verdict, reasons = with_untrained(judgement.verdict, judgement.reasons, untrained(subject.checkpoint))
     return LatentReport(
         subject=subject,
         samples=samples,

@@ -16,6 +16,7 @@ from lerobot_act_chunking.diagnostics.steps.positions import Measure
 from lerobot_act_chunking.diagnostics.steps.results import CellResult, Sweep
 from lerobot_act_chunking.diagnostics.steps.sources import HeldOut, hold_out, measure_of
 from lerobot_act_chunking.diagnostics.steps.subject import (
+    POLICY_TYPE,
     PolicySubject,
     executed_steps,
     load_steppable,
@@ -25,7 +26,6 @@ from lerobot_act_chunking.diagnostics.steps.success import SuccessOfCell
 from lerobot_act_chunking.diagnostics.steps.sweep import Progress, Scale, run_sweep
 from lerobot_act_chunking.diagnostics.steps.verdict import Judgement, judge
 from lerobot_act_chunking.diagnostics.training import dataset_features, read_training, untrained
-from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
 from lerobot_act_chunking.errors import ConfigurationError
 
 DEFAULT_TOLERANCE_MM = 0.5
@@ -184,7 +184,7 @@ def diagnose(request: Request, progress: Progress | None = None) -> StepsReport:
     scale = Scale(tolerance=tolerance, seed=request.seed)
     sweep = run_sweep(subject, grid, held_out.demonstrated, held_out.measure, scale, progress)
     judgement = judge(sweep, grid.own, tolerance, held_out.measure.unit)
-    verdict, reasons = outcome.unless_untrained(
+    verdict, reasons = outcome.with_untrained(
         judgement.verdict, judgement.reasons, untrained(request.checkpoint)
     )
     judgement = replace(judgement, verdict=verdict, reasons=reasons)
@@ -201,20 +201,18 @@ def diagnose(request: Request, progress: Progress | None = None) -> StepsReport:
 
 
 def _check_tolerance(request: Request) -> None:
-    """Refuse a missing tolerance before anything is loaded, as far as the action's size or the names tell.
+    """Refuse a missing tolerance before anything is loaded, if the dataset that is asked about is here.
 
     Raises:
         ConfigurationError: it is needed.
     """
-    if request.tolerance is not None:
-        return
     config = read_config(request.checkpoint)
-    action = config.action_feature
-    if action is None:
+    if request.tolerance is not None or config.type != POLICY_TYPE:
         return
     folder = request.dataset or read_training(request.checkpoint, config).folder
-    unknown = {"names": JOINT_NAMES if action.shape == (len(JOINT_NAMES),) else None, "shape": action.shape}
-    _tolerance(None, measure_of(dataset_features(folder).get(ACTION, unknown)))
+    action = dataset_features(folder).get(ACTION)
+    if action is not None:
+        _tolerance(None, measure_of(action))
 
 
 def _tolerance(asked: float | None, measure: Measure) -> float:

@@ -78,7 +78,7 @@ def test_json_holds_every_cell(precise):
 
 
 def test_a_limited_model_is_told_what_helps(limited):
-    assert limited.exit_code == 1
+    assert limited.exit_code == 11
     content = limited.to_json()
     assert content["limit"] == "spread"
     assert report_module.TOO_WIDE in content["notes"]
