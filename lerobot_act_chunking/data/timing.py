@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 from lerobot_act_chunking.errors import ConfigurationError
 
+MOST_STEPS = 100_000  # half an hour at 50 Hz; what is executed and observed is kept step by step
+
 
 @dataclass(frozen=True)
 class ChunkTiming:
@@ -38,6 +40,14 @@ class ChunkTiming:
         for name in ("n_obs_steps", "chunk_size", "chunk_stride", "obs_stride"):
             if getattr(self, name) < 1:
                 raise ConfigurationError(f"{name}={getattr(self, name)} must be at least 1")
+        for name, n_steps in (
+            (f"chunk_stride={self.chunk_stride} and chunk_size={self.chunk_size}", self.control_steps),
+            (f"obs_stride={self.obs_stride} and n_obs_steps={self.n_obs_steps}", self.observed_steps),
+        ):
+            if n_steps > MOST_STEPS:
+                raise ConfigurationError(
+                    f"{name} span {n_steps} control steps, more than {MOST_STEPS}: set one of them to less"
+                )
         if self.chunk_size == 1 and self.chunk_stride > 1:
             raise ConfigurationError(
                 f"chunk_stride={self.chunk_stride} needs a chunk_size of 2 or more to interpolate between"
@@ -51,6 +61,11 @@ class ChunkTiming:
     def control_steps(self) -> int:
         """Control steps that a chunk covers."""
         return (self.chunk_size - 1) * self.chunk_stride + 1
+
+    @property
+    def observed_steps(self) -> int:
+        """Control steps from the first observation to the current one, both included."""
+        return (self.n_obs_steps - 1) * self.obs_stride + 1
 
     def predictions_for(self, n_steps: int) -> int:
         """How many predictions decide the first ``n_steps`` control steps.

@@ -1,7 +1,8 @@
 """What the configurations of this package's policies have in common."""
 
+import math
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar, Literal
 
 from lerobot.configs import FeatureType, NormalizationMode
 from lerobot.optim import AdamWConfig, LRSchedulerConfig
@@ -13,12 +14,14 @@ from lerobot.utils.constants import ACTION, OBS_STATE
 
 from lerobot_act_chunking.data.batch import FeatureSpec
 from lerobot_act_chunking.data.timing import ChunkTiming
-from lerobot_act_chunking.errors import ConfigurationError, FeatureError, unknown_choice
+from lerobot_act_chunking.errors import ConfigurationError, FeatureError
 from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.nn.vision import check_backbone
 from lerobot_act_chunking.policies.dataset_reading import DatasetReading
-from lerobot_act_chunking.policies.execution_fields import ExecutionFields
+from lerobot_act_chunking.policies.execution_fields import ExecutionFields, check_gripper_dims
+from lerobot_act_chunking.policies.field_checks import check_fields
 from lerobot_act_chunking.policies.given_settings import GivenSettings
+from lerobot_act_chunking.policies.numbers_near import near_divisors, near_multiples
 from lerobot_act_chunking.policies.push_check import ChecksPush
 from lerobot_act_chunking.policies.seconds import to_chunk_size, to_interval, to_stride
 
@@ -96,6 +99,10 @@ class ChunkedConfig(DatasetReading, ExecutionFields, GivenSettings, ChecksPush):
     lr_schedule: Literal["constant", "cosine"] = PRESET
     lr_warmup_steps: int = PRESET
 
+    def __post_init__(self) -> None:
+        check_fields(self)
+        super().__post_init__()
+
     @property
     def length_name(self) -> str:
         """The field that says how many actions are predicted."""
@@ -109,7 +116,7 @@ class ChunkedConfig(DatasetReading, ExecutionFields, GivenSettings, ChecksPush):
     @property
     def execution_settings(self) -> ExecutionSettings:
         """How chunks are executed, with the mode's defaults filled in."""
-        return self.resolve_execution(self.timing.control_steps, self.n_action_steps)
+        return self.resolve_execution(self.timing.control_steps, self.n_action_steps, self.action_feature)
 
     def fill_in(self, values: dict[str, Any]) -> None:
         """Set every field that was not given to its value here; given normalisations win one by one.
@@ -140,10 +147,10 @@ class ChunkedConfig(DatasetReading, ExecutionFields, GivenSettings, ChecksPush):
         asked = [name for name in IN_SECONDS if getattr(self, name) is not None]
         if not asked:
             return
-        if self.fps is None or not self.fps > 0:
+        if self.fps is None:
             raise ConfigurationError(
                 f"{asked[0]}={getattr(self, asked[0])} s needs the control rate: set --policy.fps to the "
-                f"dataset's frames per second (not {self.fps})"
+                "dataset's frames per second"
             )
         if self.prediction_dt is not None:
             self._take("chunk_stride", to_stride(self.prediction_dt, self.fps), "prediction_dt")
@@ -173,37 +180,29 @@ class ChunkedConfig(DatasetReading, ExecutionFields, GivenSettings, ChecksPush):
                 f"fps={self.fps:g}, but the dataset was recorded at {fps:g} Hz: set --policy.fps={fps:g}"
             )
 
-    def check_choices(self) -> None:
-        """Refuse a value that is not among those its field lists.
+    def check_divides(self, count: str, divisor: str, also: int = 1) -> None:
+        """Refuse a ``count`` that is not a multiple of its ``divisor`` (both names of fields).
 
-        Raises:
-            ConfigurationError: naming the field and its choices.
+        Args:
+            count: the field that is divided.
+            divisor: the field that divides it.
+            also: what ``count`` has to be a multiple of beside.
         """
-        hints = get_type_hints(type(self)).items()
-        listed = {name: get_args(hint) for name, hint in hints if get_origin(hint) is Literal}
-        for name, choices in (listed | self.choices).items():
-            if getattr(self, name) not in choices:
-                raise unknown_choice(name, getattr(self, name), choices)
-
-    def check_divides(self, count: str, divisor: str) -> None:
-        """Refuse a ``count`` that is not a multiple of its ``divisor`` (both names of fields)."""
         n, d = getattr(self, count), getattr(self, divisor)
-        if d < 1 or n % d:
-            raise ConfigurationError(f"{count}={n} must be divisible by {divisor}={d}")
+        if n % d:
+            ways_out = f"set --policy.{count} to {near_multiples(n, math.lcm(d, also))}"
+            if n % also == 0:
+                ways_out += f", or --policy.{divisor} to {near_divisors(n, d)}"
+            raise ConfigurationError(f"{count}={n} must be divisible by {divisor}={d}: {ways_out}")
 
-    def check_ranges(
-        self, *, at_least_1: tuple[str, ...], fractions: tuple[str, ...], not_negative: tuple[str, ...]
-    ) -> None:
-        """Refuse numbers outside the range of their fields; those that all policies share are included."""
-        for name in at_least_1:
-            if getattr(self, name) < 1:
-                raise ConfigurationError(f"{name}={getattr(self, name)} must be at least 1")
-        for name in ("ema_max_value", *fractions):
-            if not 0 <= getattr(self, name) < 1:
-                raise ConfigurationError(f"{name}={getattr(self, name)} must be at least 0 and below 1")
-        for name in ("norm_std_floor", "ema_power", *not_negative):
-            if not getattr(self, name) >= 0:
-                raise ConfigurationError(f"{name}={getattr(self, name)} must not be negative")
+    def check_multiple(self, name: str, step: int, reason: str) -> None:
+        """Refuse a field that is not a multiple of ``step``, for this reason."""
+        value = getattr(self, name)
+        if value % step:
+            raise ConfigurationError(
+                f"{name}={value} must be a multiple of {step}: {reason}; set --policy.{name} to "
+                f"{near_multiples(value, step)}"
+            )
 
     def check_backbone(self) -> None:
         """Refuse a backbone that does not exist, and weights with layers they were not trained with."""
@@ -235,6 +234,7 @@ class ChunkedConfig(DatasetReading, ExecutionFields, GivenSettings, ChecksPush):
 
         Raises:
             FeatureError: naming what is missing or has an unusable shape.
+            ConfigurationError: if ``gripper_dims`` names dimensions that the action has not.
         """
         self._check_state_keys()
         spec = self.feature_spec
@@ -250,6 +250,7 @@ class ChunkedConfig(DatasetReading, ExecutionFields, GivenSettings, ChecksPush):
                 raise FeatureError(
                     f"{key!r} must be an image of shape (3, height, width), but its shape is {shape}"
                 )
+        check_gripper_dims(self.gripper_dims, self.action_feature)
 
     def _check_state_keys(self) -> None:
         inputs = self.input_features or {}

@@ -24,6 +24,7 @@ from lerobot_act_chunking.policies.statistics import check_statistics
 from lerobot_act_chunking.sampling.episodes import Episodes
 
 FUSED_ADAMW_DEVICES = ("cpu", "cuda", "mps")
+MOST_WEIGHTS = 4 * 10**9  # 64 GB with their gradients and AdamW's two moments: a large card
 
 Batch = dict[str, Any]
 
@@ -76,6 +77,7 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
             check_statistics(config, dataset_stats)
         self.config = config
         self.feature_spec = config.feature_spec
+        self._check_size()
         self.model = self._build(config.pretrained_backbone_weights if load_backbone_weights else None)
         self.ema = (
             WeightAverage(self.model, power=config.ema_power, max_value=config.ema_max_value)
@@ -99,6 +101,16 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
             envs: which ones they are; None for all.
             n_steps: control steps needed.
         """
+
+    def _check_size(self) -> None:
+        """Count the weights without memory for them, and refuse what no single device trains."""
+        with torch.device("meta"):
+            n_weights = sum(each.numel() for each in self._build(None).parameters())
+        if n_weights > MOST_WEIGHTS:
+            raise ConfigurationError(
+                f"the network would have {n_weights / 1e9:.1f} billion weights, more than "
+                f"{MOST_WEIGHTS / 1e9:.0f} billion: set its widths or its layers to less"
+            )
 
     @property
     @abstractmethod

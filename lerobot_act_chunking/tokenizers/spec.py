@@ -10,6 +10,7 @@ TOKENIZERS = ("residual_vq", "fsq", "uniform", "dct")
 CODERS = ("mlp", "conv")
 LEARNED = ("residual_vq", "fsq")
 CODER_FIELDS = ("vqvae_num_layers", "vqvae_embedding_dim", "vqvae_enc_hidden_dim", "vqvae_coder")
+MOST_CODES = 2**16  # of a level; the vocabularies of language models are about as large
 BUILDING = {
     "residual_vq": ("vqvae_n_embed", *CODER_FIELDS),
     "fsq": ("fsq_levels", *CODER_FIELDS),
@@ -133,6 +134,11 @@ class TokenizerSpec:
             raise ConfigurationError(
                 f"fsq_levels={self.fsq_levels} must name at least one dimension, each with 2 values or more, "
                 "such as (8, 5, 5)"
+            )
+        if math.prod(self.fsq_levels) > MOST_CODES:
+            raise ConfigurationError(
+                f"fsq_levels={self.fsq_levels} make {math.prod(self.fsq_levels)} codes, each with an "
+                f"output of its own: at most {MOST_CODES}"
             )
 
     def _check_least(self, least: int, *names: str) -> None:

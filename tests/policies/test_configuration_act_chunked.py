@@ -160,15 +160,15 @@ def test_a_constant_rate_may_warm_up():
         ),
         ({"chunk_size": 0}, "chunk_size=0 must be at least 1"),
         ({"actions_per_query": 7}, "chunk_size=100 must be divisible by actions_per_query=7"),
-        ({"actions_per_query": 0}, "chunk_size=100 must be divisible by actions_per_query=0"),
+        ({"actions_per_query": 0}, "actions_per_query=0 must be at least 1"),
         ({"dim_model": 100}, "dim_model=100 must be divisible by n_heads=8"),
         ({"dim_model": 18, "n_heads": 2}, "dim_model=18 must be a multiple of 4"),
         ({"n_encoder_layers": 0}, "n_encoder_layers=0 must be at least 1"),
         ({"latent_dim": 0, "use_vae": True}, "latent_dim=0 must be at least 1"),
         ({"dropout": 1.0}, "dropout=1.0 must be at least 0 and below 1"),
         ({"ema_max_value": 1.5}, "ema_max_value=1.5 must be at least 0 and below 1"),
-        ({"kl_weight": -1.0}, "kl_weight=-1.0 must not be negative"),
-        ({"norm_std_floor": float("nan")}, "norm_std_floor=nan must not be negative"),
+        ({"kl_weight": -1.0}, "kl_weight=-1.0 must be at least 0"),
+        ({"norm_std_floor": float("nan")}, "norm_std_floor=nan must be a finite number, at least 0"),
         (
             {"execution": "ensemble", "n_action_steps": 1},
             "needs overlapping chunks: replan_interval=1 must be below n_action_steps=1",
@@ -208,8 +208,8 @@ MEAN_STD = {"ACTION": NormalizationMode.MEAN_STD}
         ),
         ({"n_decoder_layers": 0}, "n_decoder_layers=0 must be at least 1"),
         ({"teacher_dropout": 1.0}, "teacher_dropout=1.0 must be at least 0 and below 1"),
-        ({"teacher_noise_std": -0.1}, "teacher_noise_std=-0.1 must not be negative"),
-        ({"noise_seed": -1}, "noise_seed=-1 must not be negative"),
+        ({"teacher_noise_std": -0.1}, "teacher_noise_std=-0.1 must be at least 0"),
+        ({"noise_seed": -1}, "noise_seed=-1 must be at least 0"),
     ],
 )
 def test_observations_and_decoders_that_cannot_work(settings, message):
@@ -247,7 +247,7 @@ def test_observations_and_decoders_that_cannot_work(settings, message):
         ({"action_temperature": 1.0}, "action_temperature=1.0, but l1 predicts one action"),
         (
             {"action_likelihood": "gaussian", "action_temperature": -1.0},
-            "action_temperature=-1.0 must be at least 0, and finite",
+            "action_temperature=-1.0 must be at least 0 and at most 100",
         ),
     ],
 )
@@ -261,13 +261,16 @@ def test_likelihoods_that_cannot_work(settings, message):
     [
         (VAE | {"n_latent_components": 1}, "n_latent_components=1 must be at least 2"),
         (VAE | {"latent_warmup_steps": 0}, "latent_warmup_steps=0 must be at least 1"),
-        (SAMPLED | {"z_temperature": 0.0}, "z_temperature=0.0 must be above 0 and finite: for the likeliest"),
+        (
+            SAMPLED | {"z_temperature": 0.0},
+            "z_temperature=0.0 must be above 0 and at most 100: for the",
+        ),
         (VAE | {"n_vae_encoder_layers": 0}, "n_vae_encoder_layers=0 must be at least 1"),
         (VAE | {"vae_action_stride": 0}, "vae_action_stride=0 must be at least 1"),
         (VAE | {"vae_action_stride": 101}, "vae_action_stride=101 averages more actions than the chunk has"),
         (VAE | {"kl_anneal": "linear", "kl_anneal_steps": 0}, "kl_anneal_steps=0 must be at least 1"),
-        (VAE | {"free_bits": -0.1}, "free_bits=-0.1 must not be negative"),
-        (SAMPLED | {"z_hold_steps": -1}, "z_hold_steps=-1 must not be negative"),
+        (VAE | {"free_bits": -0.1}, "free_bits=-0.1 must be at least 0"),
+        (SAMPLED | {"z_hold_steps": -1}, "z_hold_steps=-1 must be at least 0"),
         (SAMPLED | {"z_hold": "steps"}, "z_hold=steps and z_hold_steps=0 contradict each other"),
         (SAMPLED | {"z_hold_steps": 7}, "z_hold=episode and z_hold_steps=7 contradict each other"),
         (

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from lerobot.configs import NormalizationMode
 
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.policies.field_checks import check_fields
 
 if TYPE_CHECKING:
     from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
@@ -18,31 +19,11 @@ def check(config: "ActChunkedConfig") -> None:
     Raises:
         ConfigurationError: naming the value, the reason and the way out.
     """
+    check_fields(config)
     config.check_backbone()
-    config.check_ranges(
-        at_least_1=(
-            "obs_stride",
-            "history_image_grid",
-            "n_encoder_layers",
-            "n_decoder_layers",
-            "n_vae_encoder_layers",
-            "vae_action_stride",
-            "kl_anneal_steps",
-        ),
-        fractions=("dropout", "history_dropout", "teacher_dropout"),
-        not_negative=(
-            "kl_weight",
-            "free_bits",
-            "teacher_noise_std",
-            "random_shift",
-            "z_hold_steps",
-            "noise_seed",
-        ),
-    )
     config.check_divides("chunk_size", "actions_per_query")
-    config.check_divides("dim_model", "n_heads")
-    if config.dim_model % 4:
-        raise ConfigurationError(f"dim_model={config.dim_model} must be a multiple of 4 (positions)")
+    config.check_divides("dim_model", "n_heads", also=4)
+    config.check_multiple("dim_model", 4, "positions are sines and cosines of rows and columns")
     _check_history(config)
     _check_likelihood(config)
     if config.use_vae:

@@ -7,6 +7,7 @@ from typing import Literal
 from lerobot.configs import PreTrainedConfig
 
 from lerobot_act_chunking.data.timing import ChunkTiming
+from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.settings import Mode
 from lerobot_act_chunking.heads.make import HeadSpec
 from lerobot_act_chunking.nn.latents.make import LatentSpec
@@ -161,13 +162,26 @@ class ActChunkedConfig(ChunkedConfig):
         super().__post_init__()
         self.resolve_seconds()
         self.fill_in(preset_values(self))
-        self.check_choices()
         check(self)
 
     @property
     def timing(self) -> ChunkTiming:
         """Which steps are observed and predicted."""
         return ChunkTiming(self.n_obs_steps, self.chunk_size, self.chunk_stride, obs_stride=self.obs_stride)
+
+    def validate_features(self) -> None:
+        """Check the inputs and outputs that LeRobot filled in from the dataset or the environment.
+
+        Raises:
+            FeatureError: naming what is missing or has an unusable shape.
+            ConfigurationError: if a setting asks for what they do not have.
+        """
+        super().validate_features()
+        if self.use_velocity and not self.feature_spec.vectors:
+            raise ConfigurationError(
+                "use_velocity=True tells how fast state vectors change, but the inputs are images alone: set "
+                "--policy.use_velocity=false"
+            )
 
     @property
     def head_spec(self) -> HeadSpec:

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 from lerobot_act_chunking.compat import check_rtc_mode
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.policies.field_checks import check_fields
 
 if TYPE_CHECKING:
     from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked import (
@@ -16,6 +17,8 @@ PREDICTION_TYPES = {
     "two_step": ("sample",),
 }
 
+MOST_HALVINGS = 9  # of a horizon, to a handful of steps
+
 
 def check(config: "DiffusionChunkedConfig") -> None:
     """Refuse settings that cannot work.
@@ -23,19 +26,8 @@ def check(config: "DiffusionChunkedConfig") -> None:
     Raises:
         ConfigurationError: naming the value, the reason and the way out.
     """
+    check_fields(config)
     config.check_backbone()
-    config.check_ranges(
-        at_least_1=(
-            "n_layers",
-            "num_train_timesteps",
-            "num_inference_steps",
-            "kernel_size",
-            "diffusion_step_embed_dim",
-            "spatial_softmax_num_keypoints",
-        ),
-        fractions=("dropout", "condition_dropout"),
-        not_negative=("prefix_steps", "noise_seed"),
-    )
     _check_horizon(config)
     _check_denoiser(config)
     _check_sampling(config)
@@ -66,18 +58,18 @@ def _check_horizon(config: "DiffusionChunkedConfig") -> None:
 
 def _check_denoiser(config: "DiffusionChunkedConfig") -> None:
     if config.denoiser == "dit":
-        config.check_divides("dim_model", "n_heads")
+        config.check_divides("dim_model", "n_heads", also=4)
     if config.denoiser != "unet1d":
         config.check_divides("horizon", "actions_per_token")
-        if config.dim_model % 4:
-            raise ConfigurationError(f"dim_model={config.dim_model} must be a multiple of 4 (positions)")
+        config.check_multiple("dim_model", 4, "positions are sines and cosines of rows and columns")
         return
-    factor = 2 ** (len(config.down_dims) - 1)
-    if config.horizon % factor:
+    n_halvings = len(config.down_dims) - 1
+    if not 0 <= n_halvings <= MOST_HALVINGS:
         raise ConfigurationError(
-            f"horizon={config.horizon} must be a multiple of {factor}: a unet1d with "
-            f"down_dims={tuple(config.down_dims)} halves it {len(config.down_dims) - 1} times"
+            f"down_dims={tuple(config.down_dims)} must have 1 to {MOST_HALVINGS + 1} levels of a unet1d"
         )
+    halved = f"a unet1d with down_dims={tuple(config.down_dims)} halves it {n_halvings} times"
+    config.check_multiple("horizon", 2**n_halvings, halved)
     for channels in config.down_dims:
         if channels % config.n_groups:
             raise ConfigurationError(
@@ -98,8 +90,6 @@ def _check_sampling(config: "DiffusionChunkedConfig") -> None:
             f"prediction_type={config.prediction_type} does not go with objective={config.objective}: "
             f"use {' or '.join(allowed)}"
         )
-    if config.clip_sample and not config.clip_sample_range > 0:
-        raise ConfigurationError(f"clip_sample_range={config.clip_sample_range} must be positive")
     check_sampler(
         config.objective,
         config.sampler,
@@ -147,10 +137,6 @@ def _check_warm_start(config: "DiffusionChunkedConfig") -> None:
             f"replan_interval={settings.replan_interval} must be a multiple of "
             f"chunk_stride={config.chunk_stride}"
         )
-    if not 0 < config.sdedit_strength <= 1:
-        raise ConfigurationError(f"sdedit_strength={config.sdedit_strength} must be above 0, at most 1")
-    if not config.max_guidance_weight > 0:
-        raise ConfigurationError(f"max_guidance_weight={config.max_guidance_weight} must be positive")
 
 
 def _check_guidance(config: "DiffusionChunkedConfig") -> None:

@@ -162,7 +162,6 @@ class DiffusionChunkedConfig(ChunkedConfig):
             self.down_dims = SIZES[self.unet_size]
         if self.actions_per_token is PRESET:
             self.actions_per_token = max(n for n in range(1, 6) if self.horizon % n == 0)
-        self.check_choices()
         check(self)
 
     @property

@@ -11,7 +11,8 @@ from lerobot.optim import LRSchedulerConfig, OptimizerConfig
 
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.settings import ExecutionSettings, Mode
-from lerobot_act_chunking.policies.execution_fields import ExecutionFields
+from lerobot_act_chunking.policies.execution_fields import ExecutionFields, check_gripper_dims
+from lerobot_act_chunking.policies.field_checks import check_fields
 from lerobot_act_chunking.policies.push_check import ChecksPush
 from lerobot_act_chunking.policies.temporal_ensemble.inner import (
     DETERMINISTIC,
@@ -50,6 +51,7 @@ class TemporalEnsembleConfig(ExecutionFields, ChecksPush):
     execution: Mode = "ensemble"
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if (self.inner is None) == (self.inner_path is None):
             raise ConfigurationError(
                 "temporal_ensemble wraps another policy: set either --policy.inner_path=<checkpoint> or "
@@ -112,7 +114,7 @@ class TemporalEnsembleConfig(ExecutionFields, ChecksPush):
     @property
     def execution_settings(self) -> ExecutionSettings:
         """How chunks are executed, with the mode's defaults filled in."""
-        return self.resolve_execution(self.chunk_size, self.n_action_steps)
+        return self.resolve_execution(self.chunk_size, self.n_action_steps, self.action_feature)
 
     def __getattr__(self, name: str) -> Any:
         """Optional settings that LeRobot looks for, such as ``drop_n_last_frames`` and ``dtype``."""
@@ -126,8 +128,9 @@ class TemporalEnsembleConfig(ExecutionFields, ChecksPush):
         PreTrainedConfig._save_pretrained(saved, save_directory)
 
     def validate_features(self) -> None:
-        """Check the inputs and outputs as the inner policy does."""
+        """Check the inputs and outputs as the inner policy does, and which of them are grippers."""
         self.inner_config.validate_features()
+        check_gripper_dims(self.gripper_dims, self.action_feature)
 
     def training_optimizer(self) -> OptimizerConfig:
         """The inner policy's."""

@@ -9,11 +9,12 @@ from typing import Any
 import draccus
 from draccus.utils import DraccusException
 from huggingface_hub import hf_hub_download
-from huggingface_hub.constants import CONFIG_NAME
+from huggingface_hub.constants import CONFIG_NAME, HF_HUB_OFFLINE
 from lerobot.configs import PreTrainedConfig
 from lerobot.utils.import_utils import register_third_party_plugins
 
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
+from lerobot_act_chunking.nn.vision.torchvision_models import NAMES, cached_weights
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
 from lerobot_act_chunking.policies.loading import check_checkpoint
 
@@ -133,6 +134,27 @@ def chunk_length(config: PreTrainedConfig) -> int:
         f"policies of type {config.type} cannot be wrapped: their settings have none of "
         f"{', '.join(_CHUNK_NAMES)}, so they do not predict chunks of a known length"
     )
+
+
+def check_downloads(config: PreTrainedConfig) -> None:
+    """Refuse a fresh inner policy whose image backbone would be downloaded where that is not allowed.
+
+    Raises:
+        ConfigurationError: ``HF_HUB_OFFLINE`` is set, and torch hub's cache does not have the weights.
+    """
+    weights = getattr(config, "pretrained_backbone_weights", None)
+    backbone = getattr(config, "vision_backbone", None)
+    if not HF_HUB_OFFLINE or weights is None or backbone not in NAMES or not config.image_features:
+        return
+    try:
+        cached_weights(backbone, weights)
+    except ConfigurationError as error:
+        raise ConfigurationError(
+            f"the inner {config.type} asks for pretrained_backbone_weights={weights}, which are not on this "
+            "machine, and HF_HUB_OFFLINE is set: train it from scratch with "
+            f"--policy.inner='{{type: {config.type}, pretrained_backbone_weights: null}}' (and its other "
+            "settings), or wrap a checkpoint with --policy.inner_path"
+        ) from error
 
 
 def for_chunks(config: PreTrainedConfig, *, weights_follow: bool) -> PreTrainedConfig:

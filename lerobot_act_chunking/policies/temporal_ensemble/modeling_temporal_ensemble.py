@@ -22,7 +22,7 @@ from lerobot_act_chunking.policies.short_episodes import limit_execution
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
     TemporalEnsembleConfig,
 )
-from lerobot_act_chunking.policies.temporal_ensemble.inner import for_chunks
+from lerobot_act_chunking.policies.temporal_ensemble.inner import check_downloads, for_chunks
 from lerobot_act_chunking.policies.temporal_ensemble.observations import Batch, InnerObservations, private
 
 RTC_ARGUMENTS = ("inference_delay", "prev_chunk_left_over")
@@ -214,6 +214,7 @@ def _build_inner(
     inner = for_chunks(config.inner_config, weights_follow=source is not None or not load_inner)
     policy_class = get_policy_class(inner.type)
     if source is None:
+        check_downloads(inner)
         return policy_class(inner, **dataset)
     return policy_class.from_pretrained(source, config=inner, **dataset)
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from lerobot.configs import NormalizationMode
 
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.policies.field_checks import check_fields
 from lerobot_act_chunking.policies.vqbet_chunked.presets import BOUNDED
 from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
 
@@ -13,6 +14,8 @@ if TYPE_CHECKING:
 
 WITHIN_ONE = (NormalizationMode.MIN_MAX, NormalizationMode.QUANTILES, NormalizationMode.QUANTILE10)
 
+MOST_ACTIONS = 10**6  # in a sample; a batch of 64 with 32 dimensions is 8 GB
+
 
 def check(config: "VqbetChunkedConfig") -> None:
     """Refuse settings that cannot work.
@@ -20,37 +23,23 @@ def check(config: "VqbetChunkedConfig") -> None:
     Raises:
         ConfigurationError: naming the value, the reason and the way out.
     """
+    check_fields(config)
     config.check_backbone()
-    config.check_ranges(
-        at_least_1=(
-            "n_action_pred_token",
-            "n_vqvae_training_steps",
-            "gpt_hidden_dim",
-            "gpt_n_layer",
-            "gpt_n_head",
-            "spatial_softmax_num_keypoints",
-        ),
-        fractions=("dropout",),
-        not_negative=(
-            "focal_gamma",
-            "primary_code_loss_weight",
-            "secondary_code_loss_weight",
-            "offset_loss_weight",
-            "bet_softmax_temperature",
-            "noise_seed",
-        ),
-    )
     config.check_divides("gpt_hidden_dim", "gpt_n_head")
-    for width in config.head_hidden_dims:
-        if width < 1:
-            raise ConfigurationError(
-                f"head_hidden_dims={tuple(config.head_hidden_dims)} must be widths of at least 1"
-            )
-    if not 0 < config.top_p <= 1:
-        raise ConfigurationError(f"top_p={config.top_p} must be above 0, at most 1")
+    _check_queries(config)
     _check_tokenizer(config)
     _check_offsets(config)
     _check_sampling(config)
+
+
+def _check_queries(config: "VqbetChunkedConfig") -> None:
+    n_chunks, size = config.queries.n_queries, config.chunk_size
+    if n_chunks * size > MOST_ACTIONS:
+        raise ConfigurationError(
+            f"n_obs_steps={config.n_obs_steps} and n_action_pred_token={config.n_action_pred_token} make "
+            f"{n_chunks} chunks of chunk_size={size}, {n_chunks * size} actions in each sample, more than "
+            f"{MOST_ACTIONS}: set --policy.chunk_size to {MOST_ACTIONS // n_chunks} or less"
+        )
 
 
 def _check_tokenizer(config: "VqbetChunkedConfig") -> None:

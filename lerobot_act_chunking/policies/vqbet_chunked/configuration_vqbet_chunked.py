@@ -140,7 +140,6 @@ class VqbetChunkedConfig(ChunkedConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._resolve()
-        self.check_choices()
         check(self)
 
     def _resolve(self) -> None:

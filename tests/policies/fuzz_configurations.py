@@ -1,0 +1,127 @@
+"""Random configurations: sensible, unusual and hostile values for every field, over random features."""
+
+import random
+from dataclasses import dataclass
+from typing import Any, Literal, get_args, get_origin
+
+import policy_cases  # noqa: F401  (registers the types)
+from lerobot.configs import FeatureType, NormalizationMode, PolicyFeature, PreTrainedConfig
+
+from lerobot_act_chunking.execution.settings import Kernel, Mode, Weighting
+from lerobot_act_chunking.policies.field_checks import _own_fields
+from lerobot_act_chunking.policies.ranges import RANGES
+
+HOSTILE = (0, -1, 10**7, 10**12, 2**70, 0.5, -0.5, 1e300, float("nan"), float("inf"), -float("inf"))
+HOSTILE += (None, "", "other", True, [], [0], [10**7], (1, 2, 3), {}, {"a": 1})  # of other kinds
+SMALL_CNN = {"vision_backbone": "small_cnn"}
+# What keeps networks tiny; drawn values and presets come on top.
+TINY = {
+    "act_chunked": {
+        "chunk_size": 6,
+        "dim_model": 8,
+        "n_heads": 2,
+        "dim_feedforward": 12,
+        "n_encoder_layers": 1,
+    }
+    | {"n_vae_encoder_layers": 1, "n_decoder_layers": 1, "latent_dim": 3, "n_bins": 11},
+    "diffusion_chunked": {"horizon": 6, "dim_model": 8, "n_layers": 1, "n_heads": 2, "down_dims": (8,)}
+    | {"n_groups": 2, "diffusion_step_embed_dim": 8, "spatial_softmax_num_keypoints": 3},
+    "vqbet_chunked": {"chunk_size": 6, "gpt_hidden_dim": 8, "gpt_n_layer": 1, "gpt_n_head": 2}
+    | {"head_hidden_dims": (9,), "vqvae_n_embed": 4, "vqvae_embedding_dim": 5, "vqvae_enc_hidden_dim": 7}
+    | {"n_vqvae_training_steps": 1, "kmeans_iters": 1, "spatial_softmax_num_keypoints": 3, "n_bins": 9},
+}
+# Values near which most fields are drawn. Widths and layers stay tiny: a fuzz is about combinations.
+WIDTHS = (4, 8, 12, 16, 20)
+NEAR: dict[str, tuple[Any, ...]] = {
+    **dict.fromkeys(
+        ("dim_model", "gpt_hidden_dim", "dim_feedforward", "latent_dim", "vqvae_embedding_dim"), WIDTHS
+    ),
+    **dict.fromkeys(
+        ("vqvae_enc_hidden_dim", "diffusion_step_embed_dim", "n_bins", "vqvae_n_embed"), (*WIDTHS, 5)
+    ),
+    **dict.fromkeys(("n_heads", "gpt_n_head", "n_groups"), (1, 2, 4)),
+    **dict.fromkeys(("chunk_size", "horizon"), (1, 2, 4, 6, 7, 8)),
+    **dict.fromkeys(("optimizer_lr", "optimizer_lr_backbone", "optimizer_vqvae_lr"), (0.0, 1e-4, 1e-2, 1.0)),
+    "noise_seed": (0, 5, 2**63 - 1),
+    "n_action_steps": (1, 2, 3, 6),
+    "fps": (10, 30.0, 50),
+    "horizon_s": (0.05, 0.1, 0.2),
+    "prediction_dt": (0.02, 0.04, 0.1),
+    "replan_s": (0.02, 0.1),
+    "preset": ("base", "paper", "lecture"),
+    "vision_backbone": ("small_cnn", "small_cnn", "timm:none", "timm:"),
+    "pretrained_backbone_weights": ("imagenet", "none.safetensors", "ResNet18_Weights.IMAGENET1K_V1"),
+    "tokenizer_path": ("none",),
+    "state_keys": ([], ["observation.state"], ["observation.environment_state"], ["observation.none"]),
+    "guidance_features": ([], ["observation.state"], ["observation.none"]),
+    "gripper_dims": ([], [0], [1], [0, 1], [0, 0], [5], (0,)),
+    "down_dims": ((8,), (4, 8), (4, 4, 8), ()),
+    "head_hidden_dims": ((), (5,), (6, 4)),
+    "fsq_levels": ((2,), (2, 3), (4, 4), ()),
+    "optimizer_betas": ((0.9, 0.95), (0.0, 0.0), (0.9, 1.0), (0.9,)),
+    "normalization_mapping": (*({"ACTION": mode} for mode in NormalizationMode), {"STATE": "MIN_MAX"}),
+    "execution": get_args(Mode),
+    "ensemble_weighting": get_args(Weighting),
+    "adaptive_kernel": get_args(Kernel),
+    "compile_model": (False,),  # takes a minute
+    "inner_path": ("none",),
+}
+
+
+@dataclass(frozen=True)
+class Draw:
+    """One random configuration of a policy type, not yet made."""
+
+    type: str
+    settings: dict[str, Any]
+    inputs: dict[str, PolicyFeature]
+    action_dim: int
+
+    def config(self) -> PreTrainedConfig:
+        config_class = PreTrainedConfig.get_choice_class(self.type)
+        action = PolicyFeature(FeatureType.ACTION, (self.action_dim,))
+        return config_class(
+            device="cpu",
+            push_to_hub=False,
+            input_features=dict(self.inputs),
+            output_features={"action": action},
+            **self.settings,
+        )
+
+
+def draw(policy_type: str, seed: int) -> Draw:
+    """The configuration of this seed: a tiny one with some fields changed, some to hostile values."""
+    rng = random.Random(f"{policy_type} {seed}")
+    config_class: Any = PreTrainedConfig.get_choice_class(policy_type)
+    settings = SMALL_CNN | TINY[policy_type]
+    for name, hint, _ in rng.sample(_own_fields(config_class), rng.choice((1, 2, 3, 5, 8))):
+        settings[name] = _value(name, hint, config_class.choices, rng)
+    if rng.random() < 0.3:
+        settings[rng.choice(list(settings))] = rng.choice(HOSTILE)
+    return Draw(policy_type, settings, _inputs(rng), rng.choice((1, 2, 3)))
+
+
+def _value(name: str, hint: Any, choices: dict[str, tuple[str, ...]], rng: random.Random) -> Any:
+    if name in NEAR or name in choices:
+        return rng.choice(NEAR.get(name) or choices[name])
+    if get_origin(hint) is Literal:
+        return rng.choice(get_args(hint))
+    if hint is bool:
+        return rng.random() < 0.5
+    if name in RANGES:
+        allowed = RANGES[name]
+        near = [allowed.least, allowed.least + 1, allowed.least + 2, 3, 1, (allowed.least + 1) / 2, 0.25]
+        return rng.choice([int(value) for value in near] if hint is int else near)
+    return rng.choice(HOSTILE)
+
+
+def _inputs(rng: random.Random) -> dict[str, PolicyFeature]:
+    candidates = {
+        "observation.state": PolicyFeature(FeatureType.STATE, (rng.choice((1, 2, 5)),)),
+        "observation.gripper": PolicyFeature(FeatureType.STATE, (1,)),
+        "observation.environment_state": PolicyFeature(FeatureType.ENV, (rng.choice((1, 4)),)),
+        "observation.images.top": PolicyFeature(FeatureType.VISUAL, (3, 16, 24)),
+        "observation.images.wrist": PolicyFeature(FeatureType.VISUAL, (3, 17, 16)),
+    }
+    kept = rng.sample(sorted(candidates), rng.choice((1, 1, 2, 3)))
+    return {key: candidates[key] for key in kept}
