@@ -1,6 +1,5 @@
 """What the configurations of this package's policies have in common."""
 
-import math
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
@@ -21,7 +20,6 @@ from lerobot_act_chunking.policies.dataset_reading import DatasetReading
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields, check_gripper_dims
 from lerobot_act_chunking.policies.field_checks import check_fields
 from lerobot_act_chunking.policies.given_settings import GivenSettings
-from lerobot_act_chunking.policies.numbers_near import near_divisors, near_multiples
 from lerobot_act_chunking.policies.push_check import ChecksPush
 from lerobot_act_chunking.policies.seconds import to_chunk_size, to_interval, to_stride
 
@@ -178,30 +176,6 @@ class ChunkedConfig(DatasetReading, ExecutionFields, GivenSettings, ChecksPush):
         if self.fps is not None and self.fps != fps:
             raise ConfigurationError(
                 f"fps={self.fps:g}, but the dataset was recorded at {fps:g} Hz: set --policy.fps={fps:g}"
-            )
-
-    def check_divides(self, count: str, divisor: str, also: int = 1) -> None:
-        """Refuse a ``count`` that is not a multiple of its ``divisor`` (both names of fields).
-
-        Args:
-            count: the field that is divided.
-            divisor: the field that divides it.
-            also: what ``count`` has to be a multiple of beside.
-        """
-        n, d = getattr(self, count), getattr(self, divisor)
-        if n % d:
-            ways_out = f"set --policy.{count} to {near_multiples(n, math.lcm(d, also))}"
-            if n % also == 0:
-                ways_out += f", or --policy.{divisor} to {near_divisors(n, d)}"
-            raise ConfigurationError(f"{count}={n} must be divisible by {divisor}={d}: {ways_out}")
-
-    def check_multiple(self, name: str, step: int, reason: str) -> None:
-        """Refuse a field that is not a multiple of ``step``, for this reason."""
-        value = getattr(self, name)
-        if value % step:
-            raise ConfigurationError(
-                f"{name}={value} must be a multiple of {step}: {reason}; set --policy.{name} to "
-                f"{near_multiples(value, step)}"
             )
 
     def check_backbone(self) -> None:

@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 
@@ -104,7 +105,8 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
 
     def _check_size(self) -> None:
         """Count the weights without memory for them, and refuse what no single device trains."""
-        with torch.device("meta"):
+        n_weights = 0  # unknown: some backbones of timm compute with numbers while they are built
+        with suppress(RuntimeError, NotImplementedError), torch.device("meta"):
             n_weights = sum(each.numel() for each in self._build(None).parameters())
         if n_weights > MOST_WEIGHTS:
             raise ConfigurationError(

@@ -206,25 +206,26 @@ class FiniteScalar(Quantizer):
         super().__init__()
         self.n_codes = n_levels
         self.vocabulary = math.prod(values)
-        self.levels = ResidualFSQ(
-            levels=list(values),
-            num_quantizers=n_levels,
-            dim=dim,
-            is_channel_first=False,
-            quantize_dropout=False,
-            soft_clamp_input_value=None,
-            bound_hard_clamp=True,
-            num_codebooks=1,
-            keep_num_codebooks_dim=False,
-            scale=None,
-            allowed_dtypes=(torch.float32, torch.float64),
-            channel_first=False,
-            projection_has_bias=True,
-            return_indices=True,
-            force_quantization_f32=True,
-            noise_dropout=0.0,
-            orthogonal_rotation=False,
-        )
+        with torch.device("cpu"):  # it computes while it is built, which the meta device cannot
+            self.levels = ResidualFSQ(
+                levels=list(values),
+                num_quantizers=n_levels,
+                dim=dim,
+                is_channel_first=False,
+                quantize_dropout=False,
+                soft_clamp_input_value=None,
+                bound_hard_clamp=True,
+                num_codebooks=1,
+                keep_num_codebooks_dim=False,
+                scale=None,
+                allowed_dtypes=(torch.float32, torch.float64),
+                channel_first=False,
+                projection_has_bias=True,
+                return_indices=True,
+                force_quantization_f32=True,
+                noise_dropout=0.0,
+                orthogonal_rotation=False,
+            )
 
     @torch.no_grad()
     def nearest(self, encodings: Float[Tensor, "N D"]) -> Int64[Tensor, "N G"]:

@@ -200,6 +200,11 @@ def test_velocities_need_a_vector():
         ("diffusion_chunked", {"dim_model": 2**14, "n_layers": 100}, "billion weights, more than 4"),
         ("vqbet_chunked", {"gpt_hidden_dim": 2**14, "gpt_n_layer": 50}, "billion weights, more than 4"),
         (
+            "vqbet_chunked",
+            {"tokenizer": "fsq", "gpt_hidden_dim": 2**14, "gpt_n_layer": 50},
+            "billion weights",
+        ),
+        (
             "act_chunked",
             {"chunk_size": 5000, "chunk_stride": 21},
             "span 104980 control steps, more than 100000",

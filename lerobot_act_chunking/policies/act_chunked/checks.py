@@ -6,6 +6,7 @@ from lerobot.configs import NormalizationMode
 
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.policies.field_checks import check_fields
+from lerobot_act_chunking.policies.multiples import check_divides, check_multiple
 
 if TYPE_CHECKING:
     from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
@@ -21,9 +22,9 @@ def check(config: "ActChunkedConfig") -> None:
     """
     check_fields(config)
     config.check_backbone()
-    config.check_divides("chunk_size", "actions_per_query")
-    config.check_divides("dim_model", "n_heads", also=4)
-    config.check_multiple("dim_model", 4, "positions are sines and cosines of rows and columns")
+    check_divides(config, "chunk_size", "actions_per_query")
+    check_divides(config, "dim_model", "n_heads", also=4)
+    check_multiple(config, "dim_model", 4, "positions are sines and cosines of rows and columns")
     _check_history(config)
     _check_likelihood(config)
     if config.use_vae:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from lerobot_act_chunking.compat import check_rtc_mode
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.policies.field_checks import check_fields
+from lerobot_act_chunking.policies.multiples import check_divides, check_multiple
 
 if TYPE_CHECKING:
     from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked import (
@@ -58,10 +59,10 @@ def _check_horizon(config: "DiffusionChunkedConfig") -> None:
 
 def _check_denoiser(config: "DiffusionChunkedConfig") -> None:
     if config.denoiser == "dit":
-        config.check_divides("dim_model", "n_heads", also=4)
+        check_divides(config, "dim_model", "n_heads", also=4)
     if config.denoiser != "unet1d":
-        config.check_divides("horizon", "actions_per_token")
-        config.check_multiple("dim_model", 4, "positions are sines and cosines of rows and columns")
+        check_divides(config, "horizon", "actions_per_token")
+        check_multiple(config, "dim_model", 4, "positions are sines and cosines of rows and columns")
         return
     n_halvings = len(config.down_dims) - 1
     if not 0 <= n_halvings <= MOST_HALVINGS:
@@ -69,7 +70,7 @@ def _check_denoiser(config: "DiffusionChunkedConfig") -> None:
             f"down_dims={tuple(config.down_dims)} must have 1 to {MOST_HALVINGS + 1} levels of a unet1d"
         )
     halved = f"a unet1d with down_dims={tuple(config.down_dims)} halves it {n_halvings} times"
-    config.check_multiple("horizon", 2**n_halvings, halved)
+    check_multiple(config, "horizon", 2**n_halvings, halved)
     for channels in config.down_dims:
         if channels % config.n_groups:
             raise ConfigurationError(

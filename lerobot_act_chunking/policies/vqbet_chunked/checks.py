@@ -6,6 +6,7 @@ from lerobot.configs import NormalizationMode
 
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.policies.field_checks import check_fields
+from lerobot_act_chunking.policies.multiples import check_divides
 from lerobot_act_chunking.policies.vqbet_chunked.presets import BOUNDED
 from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
 
@@ -25,7 +26,7 @@ def check(config: "VqbetChunkedConfig") -> None:
     """
     check_fields(config)
     config.check_backbone()
-    config.check_divides("gpt_hidden_dim", "gpt_n_head")
+    check_divides(config, "gpt_hidden_dim", "gpt_n_head")
     _check_queries(config)
     _check_tokenizer(config)
     _check_offsets(config)

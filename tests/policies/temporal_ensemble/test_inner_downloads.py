@@ -11,7 +11,13 @@ from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ense
 )
 from lerobot_act_chunking.policies.temporal_ensemble.modeling_temporal_ensemble import TemporalEnsemblePolicy
 
-SMALL = {"dim_model": 16, "n_heads": 2, "dim_feedforward": 24, "n_encoder_layers": 1, "n_vae_encoder_layers": 1}
+SMALL = {
+    "dim_model": 16,
+    "n_heads": 2,
+    "dim_feedforward": 24,
+    "n_encoder_layers": 1,
+    "n_vae_encoder_layers": 1,
+}
 
 
 @pytest.fixture(autouse=True)
