@@ -50,7 +50,7 @@ _SEED = Range(0, 2**63 - 1)  # what torch.Generator takes
 # AdamW moves every weight by about the rate in each step.
 _RATE = Range(0, 1)
 _TEMPERATURE = Range(0, 100)
-_SECONDS = Range(0, 10**5, above=True)
+_SECONDS = Range(0, 10**5)
 _PREDICTIONS = Range(1, 10**4)  # three minutes at 50 Hz; each of them is a query or part of a token
 
 RANGES: dict[str, Range] = {

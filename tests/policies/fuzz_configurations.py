@@ -98,7 +98,17 @@ def draw(policy_type: str, seed: int) -> Draw:
         settings[name] = _value(name, hint, config_class.choices, rng)
     if rng.random() < 0.3:
         settings[rng.choice(list(settings))] = rng.choice(HOSTILE)
+    hints = {name: hint for name, hint, _ in _own_fields(config_class)}
+    settings = {name: _as_typed(value, hints[name]) for name, value in settings.items()}
     return Draw(policy_type, settings, _inputs(rng), rng.choice((1, 2, 3)))
+
+
+def _as_typed(value: Any, hint: Any) -> Any:
+    """The value as a command line or a file would make it: 1.0 for 1, a tuple for a list."""
+    if hint is float and type(value) is int:
+        return float(value)
+    kind = get_origin(hint)
+    return kind(value) if kind in (list, tuple) and isinstance(value, list | tuple) else value
 
 
 def _value(name: str, hint: Any, choices: dict[str, tuple[str, ...]], rng: random.Random) -> Any:
@@ -110,7 +120,9 @@ def _value(name: str, hint: Any, choices: dict[str, tuple[str, ...]], rng: rando
         return rng.random() < 0.5
     if name in RANGES:
         allowed = RANGES[name]
-        near = [allowed.least, allowed.least + 1, allowed.least + 2, 3, 1, (allowed.least + 1) / 2, 0.25]
+        near = [allowed.least, allowed.least + 1, allowed.least + 2, 3, 1]
+        if hint is float:  # whole numbers are sizes, too costly near their limit
+            near += [(allowed.least + 1) / 2, 0.25, 1e-6, allowed.most, allowed.most * 0.99]
         return rng.choice([int(value) for value in near] if hint is int else near)
     return rng.choice(HOSTILE)
 
