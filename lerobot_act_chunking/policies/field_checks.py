@@ -27,7 +27,7 @@ def check_fields(config: PreTrainedConfig) -> None:
         ConfigurationError: naming the field, the value and what is allowed.
     """
     choices: Mapping[str, tuple[str, ...]] = getattr(type(config), "choices", {})
-    for name, hint, optional in _own_fields(type(config)):
+    for name, hint, optional in own_fields(type(config)):
         value = getattr(config, name)
         if value is None and optional:
             continue
@@ -37,7 +37,7 @@ def check_fields(config: PreTrainedConfig) -> None:
 
 
 @cache
-def _own_fields(config_class: type) -> tuple[tuple[str, Any, bool], ...]:
+def own_fields(config_class: type) -> tuple[tuple[str, Any, bool], ...]:
     """Name and annotation of each field that is ours, and whether it may be None."""
     hints = {name: _without_none(hint) for name, hint in get_type_hints(config_class).items()}
     lerobots = {each.name for each in fields(PreTrainedConfig)} - set(_SHARED)

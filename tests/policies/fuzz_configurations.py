@@ -8,7 +8,7 @@ import policy_cases  # noqa: F401  (registers the types)
 from lerobot.configs import FeatureType, NormalizationMode, PolicyFeature, PreTrainedConfig
 
 from lerobot_act_chunking.execution.settings import Kernel, Mode, Weighting
-from lerobot_act_chunking.policies.field_checks import _own_fields
+from lerobot_act_chunking.policies.field_checks import own_fields
 from lerobot_act_chunking.policies.ranges import RANGES
 
 HOSTILE = (0, -1, 10**7, 10**12, 2**70, 0.5, -0.5, 1e300, float("nan"), float("inf"), -float("inf"))
@@ -94,11 +94,11 @@ def draw(policy_type: str, seed: int) -> Draw:
     rng = random.Random(f"{policy_type} {seed}")
     config_class: Any = PreTrainedConfig.get_choice_class(policy_type)
     settings = SMALL_CNN | TINY[policy_type]
-    for name, hint, _ in rng.sample(_own_fields(config_class), rng.choice((1, 2, 3, 5, 8))):
+    for name, hint, _ in rng.sample(own_fields(config_class), rng.choice((1, 2, 3, 5, 8))):
         settings[name] = _value(name, hint, config_class.choices, rng)
     if rng.random() < 0.3:
         settings[rng.choice(list(settings))] = rng.choice(HOSTILE)
-    hints = {name: hint for name, hint, _ in _own_fields(config_class)}
+    hints = {name: hint for name, hint, _ in own_fields(config_class)}
     settings = {name: _as_typed(value, hints[name]) for name, value in settings.items()}
     return Draw(policy_type, settings, _inputs(rng), rng.choice((1, 2, 3)))
 

@@ -12,7 +12,7 @@ from lerobot.policies.factory import get_policy_class
 from tiers import draws
 
 from lerobot_act_chunking.errors import ConfigurationError, FeatureError
-from lerobot_act_chunking.policies.field_checks import _own_fields
+from lerobot_act_chunking.policies.field_checks import own_fields
 from lerobot_act_chunking.policies.ranges import RANGES
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
     TemporalEnsembleConfig,
@@ -103,7 +103,7 @@ NUMBERS = (int, float)
 def test_every_number_has_a_range_and_every_range_a_field(config_class):
     if isinstance(config_class, str):
         config_class = PreTrainedConfig.get_choice_class(config_class)
-    for name, hint, _ in _own_fields(config_class):
+    for name, hint, _ in own_fields(config_class):
         numbers = hint in NUMBERS or any(each in NUMBERS for each in get_args(hint))
         assert numbers == (name in RANGES), name
 
@@ -120,7 +120,7 @@ WRONG_KINDS = ("many", [], {}, True, float("nan"), float("inf"), -float("inf"), 
 @pytest.mark.parametrize("policy_type", TYPES)
 def test_values_of_another_kind_or_out_of_range_are_refused_by_their_field(policy_type):
     config_class = PreTrainedConfig.get_choice_class(policy_type)
-    for name, hint, optional in _own_fields(config_class):
+    for name, hint, optional in own_fields(config_class):
         if name not in RANGES:
             continue
         allowed = RANGES[name]
