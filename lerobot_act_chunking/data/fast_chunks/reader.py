@@ -29,6 +29,9 @@ class ChunkReader:
         columns: the numeric columns by key, if somebody has them already.
 
     ``whole`` tells whether items need nothing but what is gathered.
+
+    Raises:
+        ValueError: some ``delta_timestamps`` are empty, which is left to LeRobot.
     """
 
     def __init__(
@@ -53,6 +56,8 @@ class ChunkReader:
             for key, steps in (reader.delta_indices or {}).items()
             if key not in self.left_out
         }
+        if () in self._steps.values():
+            raise ValueError("what an empty list of delta_timestamps gives is LeRobot's to say")
         self._offsets = {steps: np.asarray(steps, np.int64) for steps in self._steps.values()}
         slow = [key for key in self._keys if key not in self.columns]
         self._slow_keys = [key for key in slow if key not in self._steps]

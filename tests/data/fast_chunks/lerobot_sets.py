@@ -1,11 +1,12 @@
 """Small random LeRobot datasets, and what it means for two items to be the same."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+import torch.testing
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from torch import Tensor
 
@@ -47,13 +48,20 @@ def draw(feature: dict[str, Any], rng: np.random.Generator) -> Any:
     return rng.integers(0, 2 if dtype == "bool" else 200, shape).astype(dtype)
 
 
-def record(root: Path, features: dict[str, Any], lengths: Iterable[int] = LENGTHS, **options: Any) -> Path:
+def record(
+    root: Path,
+    features: dict[str, Any],
+    lengths: Iterable[int] = LENGTHS,
+    value: Callable[..., Any] = draw,
+    seed: int = 0,
+    **options: Any,
+) -> Path:
     """Writes a dataset of random episodes through LeRobot's own recorder; two tasks alternate."""
     dataset = LeRobotDataset.create(REPO_ID, FPS, features, root=root, video_backend="pyav", **options)
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seed)
     for episode, length in enumerate(lengths):
         for _ in range(length):
-            frame = {key: draw(feature, rng) for key, feature in features.items()}
+            frame = {key: value(feature, rng) for key, feature in features.items()}
             dataset.add_frame({**frame, "task": ("lift", "insert")[episode % 2]})
         dataset.save_episode()
     dataset.finalize()
@@ -83,6 +91,6 @@ def assert_same(ours: Any, theirs: Any) -> None:
             assert_same(mine, other)
     elif isinstance(theirs, Tensor):
         assert (ours.dtype, ours.shape, ours.is_contiguous()) == (theirs.dtype, theirs.shape, True)
-        assert torch.equal(ours, theirs)
+        torch.testing.assert_close(ours, theirs, rtol=0, atol=0, equal_nan=True)
     else:
         assert ours == theirs
