@@ -17,7 +17,6 @@ import torch
 from lerobot.datasets import factory
 from lerobot.scripts.lerobot_train import train
 from lerobot_sets import REPO_ID, camera, record
-from tiers import draws
 
 from lerobot_act_chunking.data import fast_chunks
 from lerobot_act_chunking.data.fast_chunks.dataset import FastChunkDataset
@@ -25,12 +24,7 @@ from lerobot_act_chunking.data.fast_chunks.dataset import FastChunkDataset
 POLICIES = {
     "act": "chunk_size=3 n_action_steps=3 dim_model=16 n_heads=2 dim_feedforward=16 n_encoder_layers=1 "
     "n_vae_encoder_layers=1 pretrained_backbone_weights=null",
-    "diffusion": "horizon=8 down_dims=[16,32] n_groups=4 diffusion_step_embed_dim=16 n_action_steps=2 "
-    "drop_n_last_frames=0 crop_shape=null",
-    "vqbet": "n_vqvae_training_steps=1 gpt_n_layer=1 gpt_n_head=2 gpt_hidden_dim=16 gpt_output_dim=16 "
-    "crop_shape=null n_obs_steps=2",
 }
-POLICY_NAMES = list(POLICIES)[: draws(gate=1, full=3)]
 
 
 def vector(dtype: str, *shape: int) -> dict[str, Any]:
@@ -114,7 +108,7 @@ def clean(monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # LeRobot's own, of what it trains on here
-@pytest.mark.parametrize("policy", POLICY_NAMES)
+@pytest.mark.parametrize("policy", POLICIES)
 @pytest.mark.parametrize(("extra", "damage"), CASES, ids=lambda name: name.replace(" ", "_"))
 def test_lerobots_policies_end_as_without_us(tmp_path, clean, policy, extra, damage):
     features = {**SOUND, **EXTRA[extra], "action": vector("float32", 4)}
