@@ -84,6 +84,7 @@ def outcome(policy: str, root: Path, out: Path) -> Any:
     patch = pytest.MonkeyPatch()
     patch.setattr(sys, "argv", argv)
     patch.setattr("lerobot.scripts.lerobot_train.save_checkpoint", lambda **kw: seen.update(kw))
+    patch.setattr("lerobot.scripts.lerobot_train.update_last_checkpoint", lambda _: None)
     silent = io.StringIO()
     try:
         with contextlib.redirect_stdout(silent), contextlib.redirect_stderr(silent):
