@@ -172,8 +172,10 @@ def _take(
         return value.reshape(len(value), *complete[0])
     if shape == (1,) and () in times and value.shape == (1, n_targets):
         return value.reshape(-1, *complete[0])
+    alone = tuple(value.shape) == shape
     raise FeatureError(
         f"{key!r} has shape {tuple(value.shape)}, but the policy was built for {expected}, B samples"
+        + (": give a single one a batch axis, with unsqueeze(0)" if alone else "")
     )
 
 

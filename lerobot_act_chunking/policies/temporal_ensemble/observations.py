@@ -43,16 +43,22 @@ class InnerObservations:
         """Number of environments (B) in ``batch``.
 
         Raises:
-            FeatureError: the batch holds no input of the policy.
+            FeatureError: the batch holds no input of the policy, or has no batch axis.
         """
         inputs = self._inner.config.input_features or {}
-        for key in inputs:
+        for key, feature in inputs.items():
             if key in batch:
+                if tuple(batch[key].shape) == tuple(feature.shape) != (1,):
+                    raise FeatureError(
+                        f"{key!r} has shape {tuple(feature.shape)}, that of a single observation: give it a "
+                        "batch axis, with unsqueeze(0)"
+                    )
                 return len(batch[key])
         raise FeatureError(f"the policy needs {', '.join(inputs)}, but the batch has only {', '.join(batch)}")
 
     def observe(self, batch: Batch) -> None:
         """Add the observations (B, ...) of this control step to the history."""
+        self.batch_size(batch)  # before anything is kept of a batch that has none
         if self._keys:
             self._history.push(self._queued(batch))
 
