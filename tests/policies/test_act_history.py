@@ -119,3 +119,14 @@ def test_a_frame_is_encoded_once_and_only_if_it_is_needed(replan_interval, n_enc
     for step in frames(CASES["cameras"], 8):
         policy.select_action(step)
     assert sum(counts) / 2 / B == n_encoded
+
+
+def test_the_style_encoder_reads_the_newest_state():
+    """A latent belongs to the moment that the chunk starts at, however long the history."""
+    case = Case("vae", "act_chunked", STATE, HISTORY | {"use_vae": True})
+    policy = make(case)
+    batch = history_batch(policy)
+    state = batch["observation.state"]
+    lesson = policy._lesson(batch, None)
+    assert torch.equal(lesson.state, state[:, -1])
+    assert not torch.equal(state[:, -1], state[:, 0])

@@ -10,7 +10,7 @@ import numpy as np
 
 from lerobot_act_chunking.diagnostics.bandwidth.closed_form import ensemble_weights, filter_for
 from lerobot_act_chunking.diagnostics.bandwidth.filter import ROUNDING, start_up_step
-from lerobot_act_chunking.diagnostics.bandwidth.source import Source, check_positive, read_config, read_source
+from lerobot_act_chunking.diagnostics.bandwidth.source import Source, check_positive, read_source
 from lerobot_act_chunking.diagnostics.environments import environment_of
 from lerobot_act_chunking.diagnostics.rollouts import OnStep, Rollout, roll_out
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
@@ -18,7 +18,7 @@ from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES, TASKS
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields
-from lerobot_act_chunking.policies.loading import LoadedPolicy, load_policy
+from lerobot_act_chunking.policies.loading import LoadedPolicy, load_policy, read_config
 from lerobot_act_chunking.policies.temporal_ensemble.wrapping import load_wrapped
 
 # In radians; grippers (0 to 1) would drown them.

@@ -6,6 +6,7 @@ from typing import Any, get_args
 from lerobot_act_chunking.diagnostics.training import read_training
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 from lerobot_act_chunking.execution.settings import ExecutionSettings, Mode, Weighting
+from lerobot_act_chunking.policies.loading import read_config
 
 # ACT's own numbers, for when there is no checkpoint.
 _ACT = {"chunk_size": 100, "execution": "ensemble", "replan_interval": 1}
@@ -50,22 +51,6 @@ def read_source(checkpoint: str | None, overrides: dict[str, Any]) -> Source:
     config = read_config(checkpoint)
     settings = _settings(_execution_of(config), given)
     return Source(settings, checkpoint, config.type, read_training(checkpoint, config).fps)
-
-
-def read_config(checkpoint: str) -> Any:
-    """The configuration of a LeRobot checkpoint of any type, ours or not.
-
-    Raises:
-        ConfigurationError: there is no checkpoint.
-    """
-    from lerobot.configs import PreTrainedConfig
-    from lerobot.utils.import_utils import register_third_party_plugins
-
-    from lerobot_act_chunking.policies.loading import check_checkpoint
-
-    register_third_party_plugins()
-    check_checkpoint(checkpoint)
-    return PreTrainedConfig.from_pretrained(checkpoint)
 
 
 def _check_choices(given: dict[str, Any]) -> None:

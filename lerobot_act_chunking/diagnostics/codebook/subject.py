@@ -71,8 +71,7 @@ def _from_file(path: Path) -> Subject:
 
 
 def _from_policy(checkpoint: str) -> Subject:
-    from lerobot_act_chunking.diagnostics.bandwidth.source import read_config
-    from lerobot_act_chunking.policies.loading import load_policy
+    from lerobot_act_chunking.policies.loading import load_policy, read_config
 
     config = read_config(checkpoint)
     if config.type == "temporal_ensemble":

@@ -3,11 +3,10 @@
 from dataclasses import dataclass
 from typing import Any, cast
 
-from lerobot_act_chunking.diagnostics.bandwidth.source import read_config
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.nn.latents.latent import Latent
 from lerobot_act_chunking.policies.act_chunked.network import ActNetwork
-from lerobot_act_chunking.policies.loading import LoadedPolicy, load_policy
+from lerobot_act_chunking.policies.loading import LoadedPolicy, load_policy, read_config
 
 POLICY_TYPE = "act_chunked"
 

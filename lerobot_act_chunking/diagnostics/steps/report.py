@@ -9,7 +9,7 @@ from typing import Any
 from lerobot.utils.constants import ACTION
 
 from lerobot_act_chunking.diagnostics import outcome
-from lerobot_act_chunking.diagnostics.bandwidth.source import check_positive, read_config
+from lerobot_act_chunking.diagnostics.bandwidth.source import check_positive
 from lerobot_act_chunking.diagnostics.steps import plateau
 from lerobot_act_chunking.diagnostics.steps.grid import Cell, make_grid
 from lerobot_act_chunking.diagnostics.steps.positions import Measure
@@ -27,6 +27,7 @@ from lerobot_act_chunking.diagnostics.steps.sweep import Progress, Scale, run_sw
 from lerobot_act_chunking.diagnostics.steps.verdict import Judgement, judge
 from lerobot_act_chunking.diagnostics.training import dataset_features, read_training, untrained
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.policies.loading import read_config
 
 DEFAULT_TOLERANCE_MM = 0.5
 

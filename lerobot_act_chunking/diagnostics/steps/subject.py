@@ -90,7 +90,7 @@ def load_steppable(checkpoint: str) -> LoadedPolicy:
     Raises:
         ConfigurationError: no such checkpoint, or another type of policy.
     """
-    from lerobot_act_chunking.diagnostics.bandwidth.source import read_config
+    from lerobot_act_chunking.policies.loading import read_config
 
     config = read_config(checkpoint)
     if config.type == "temporal_ensemble":

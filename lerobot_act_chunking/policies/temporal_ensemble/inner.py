@@ -46,6 +46,8 @@ def read_inner(path: str) -> dict[str, Any]:
     try:
         file = Path(path) / CONFIG_NAME if Path(path).is_dir() else hf_hub_download(path, CONFIG_NAME)
         settings = json.loads(Path(file).read_text())
+        if not isinstance(settings, dict):
+            raise ValueError(f"it holds {type(settings).__name__}, no settings")
     except (OSError, ValueError) as error:
         raise ConfigurationError(f"inner_path={path}: its {CONFIG_NAME} cannot be read: {error}") from error
     return {**settings, "pretrained_path": path}

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from lerobot_act_chunking.policies.loading import LoadedPolicy
+from lerobot_act_chunking.policies.loading import LoadedPolicy, check_complete, explained
 
 
 def load_wrapped(path: str | Path, **settings: Any) -> LoadedPolicy:
@@ -28,5 +28,7 @@ def load_wrapped(path: str | Path, **settings: Any) -> LoadedPolicy:
 
     register_third_party_plugins()
     config = TemporalEnsembleConfig(inner_path=str(path), **{"push_to_hub": False, **settings})
-    processors = make_pre_post_processors(config)
-    return LoadedPolicy(TemporalEnsemblePolicy(config).eval(), *processors)
+    check_complete(str(path), config.inner_config.type)
+    with explained(str(path)):
+        processors = make_pre_post_processors(config)
+        return LoadedPolicy(TemporalEnsemblePolicy(config).eval(), *processors)

@@ -22,7 +22,7 @@ from lerobot_act_chunking.policies.act_chunked.modeling_act_chunked import ActCh
 from lerobot_act_chunking.policies.act_chunked.processor_act_chunked import (
     make_act_chunked_pre_post_processors,
 )
-from lerobot_act_chunking.policies.loading import LoadedPolicy
+from lerobot_act_chunking.policies.loading import LoadedPolicy, explained
 from lerobot_act_chunking.policies.saving import check_absent, save_checkpoint
 
 RESNETS = ("resnet18", "resnet34", "resnet50")
@@ -76,9 +76,10 @@ def import_checkpoint(source: Path, output: Path, dataset: Path | None = None) -
     difference = compare(checkpoint, policy)
     if statistics is None:
         device = {"device_processor": {"device": str(policy.config.device)}}
-        processors = make_pre_post_processors(
-            policy.config, pretrained_path=str(source), preprocessor_overrides=device
-        )
+        with explained(str(source)):
+            processors = make_pre_post_processors(
+                policy.config, pretrained_path=str(source), preprocessor_overrides=device
+            )
     else:
         processors = make_act_chunked_pre_post_processors(policy.config, statistics)
     imported = Imported(LoadedPolicy(policy, *processors), difference)

@@ -84,6 +84,8 @@ def _read_settings(folder: Path) -> dict[str, Any]:
         settings = json.loads(_file(folder, "config.json").read_text())
     except ValueError as error:
         raise ConfigurationError(f"{folder / 'config.json'} is damaged: {error}") from error
+    if not isinstance(settings, dict):
+        raise ConfigurationError(f"{folder / 'config.json'} holds no settings, but {settings!r:.40}")
     of_first_version = {"input_shapes", "n_vae_encoder_layers"} <= settings.keys()
     policy_type = settings.pop("type", "act" if of_first_version else None)
     if policy_type != "act":
