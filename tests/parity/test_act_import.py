@@ -8,8 +8,8 @@ import torch
 from act_checkpoints import A, B, T, make_act, save, save_first, save_old, statistics
 from lerobot.configs import FeatureType, NormalizationMode, PolicyFeature
 from lerobot.policies.factory import make_pre_post_processors
-from lerobot.processor.pipeline import ProcessorMigrationError
 
+from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.policies.act_chunked.importing.conversion import import_checkpoint
 from lerobot_act_chunking.policies.loading import load_policy
 
@@ -95,7 +95,7 @@ def test_checkpoints_from_before_the_processors(version, inputs, mapping, tmp_pa
     settings = {} if mapping is None else {"normalization_mapping": _modes(mapping)}
     theirs = make_act(inputs, **settings)
     source = OLD[version](theirs, tmp_path / "act")
-    with pytest.raises((ProcessorMigrationError, ValueError)):
+    with pytest.raises(ConfigurationError):
         load_policy(source)
     import_checkpoint(source, tmp_path / "imported")
     ours, preprocess, postprocess = load_policy(tmp_path / "imported")
