@@ -115,8 +115,12 @@ def publish_revision(repository: Repository, branch: str, change: Change) -> str
     """
     parent = parent_of(repository, branch, change.expected_parent)
     table = dict(repository.commit(parent).files) if parent else {}
+    inherited = dict(table)
     for operation in change.operations:
         operation(table)
+    if parent is not None and not repository.is_described(parent):
+        # Of a download only the blobs' names say what they should be; the new description would believe them.
+        _check_contents(repository, {path: e for path, e in table.items() if inherited.get(path) == e})
     _check_folders(table)
     commit = Commit.now(title=change.title, description=change.description, parent=parent, files=table)
     write_snapshot(repository, commit, parent)
@@ -229,13 +233,25 @@ def _place_file(repository: Repository, target: Path, entry: Entry, previous: Pa
         # A downloaded revision without symlinks holds its only copy in the snapshot itself.
         receive_blob(repository, files.read_chunks(previous), entry.digest, entry.size)
     if not repository.has_blob(entry):
-        path = "/".join(target.relative_to(repository.incoming).parts[1:])
-        raise RefusedError(
-            f"the content of {path!r} in {repository.name.repo_id!r} is lost or damaged; push that file too, "
-            "or delete it in the same push",
-            422,
-        )
+        raise _lost(repository, "/".join(target.relative_to(repository.incoming).parts[1:]))
     files.place(blob, target, link_from(repository.incoming, target, entry))
+
+
+def _check_contents(repository: Repository, table: dict[str, Entry]) -> None:
+    for path, entry in table.items():
+        blob = repository.blob(entry.digest)
+        if blob.is_file():
+            digest_of = files.sha256_of if is_sha256(entry.digest) else files.git_sha1_of
+            if digest_of(blob) != entry.digest:
+                raise _lost(repository, path)
+
+
+def _lost(repository: Repository, path: str) -> RefusedError:
+    return RefusedError(
+        f"the content of {path!r} in {repository.name.repo_id!r} is lost or damaged; push that file too, "
+        "or delete it in the same push",
+        422,
+    )
 
 
 def link_from(folder: Path, target: Path, entry: Entry) -> str:

@@ -1,12 +1,15 @@
 """Damage to one repository's folder is one repository's problem, is named, and is cured as advised."""
 
 import hashlib
+import itertools
 import os
 import random
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from damaging import damage
@@ -19,6 +22,7 @@ from typer.testing import CliRunner
 from lerobot_act_chunking.cli.hub import app
 from lerobot_act_chunking.diagnostics.outcome import EXIT_CODES
 from lerobot_act_chunking.errors import ActChunkingError
+from lerobot_act_chunking.hub.commits import Commit
 from lerobot_act_chunking.hub.names import RepoName
 from lerobot_act_chunking.hub.routing import route_to
 from lerobot_act_chunking.hub.storage import LocalHub
@@ -36,6 +40,26 @@ def template(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     folder = tmp_path_factory.mktemp("template")
     hub, api = LocalHub(folder / "hub"), HfApi()
     route_to(hub)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Commit, "now", numbered_commits())
+        fill(hub, api, folder)
+    yield hub.root
+    set_client_factory(default_client_factory)
+
+
+def numbered_commits() -> Callable[..., Commit]:
+    """In place of ``Commit.now``: the ids, and with them the damages, are the same in every run."""
+    make, numbers = Commit.now, itertools.count()
+
+    def now(**fields: Any) -> Commit:
+        number = next(numbers)
+        date = f"2026-01-01T00:00:{number:02}+00:00"
+        return replace(make(**fields), author="me", date=date, nonce=str(number))
+
+    return now
+
+
+def fill(hub: LocalHub, api: HfApi, folder: Path) -> None:
     for name in NAMES:
         api.create_repo(name.repo_id, repo_type=name.kind)
         for number, tag in enumerate(["v1", "v2"]):
@@ -51,8 +75,6 @@ def template(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         snapshot_download("me/downloaded", revision=revision, cache_dir=folder / "cache")
     shutil.rmtree(pushed)
     (folder / "cache" / NAMES[2].folder).rename(pushed)
-    yield hub.root
-    set_client_factory(default_client_factory)
 
 
 @pytest.fixture
