@@ -10,7 +10,7 @@ from lerobot_act_chunking.hub.commits import Commit, Entry
 from lerobot_act_chunking.hub.names import is_digest, is_sha256
 from lerobot_act_chunking.hub.refusal import RefusedError
 from lerobot_act_chunking.hub.repository import MAIN, Repository
-from lerobot_act_chunking.hub.verifying import Checksums, misplaced, stray_refs
+from lerobot_act_chunking.hub.verifying import Checksums, lacks_main, misplaced, stray_refs
 
 
 def repair(repository: Repository) -> list[str]:
@@ -118,7 +118,7 @@ class _Repair:
                 self._point(name, said.strip())
         for name in repository.tag_marks() - set(repository.refs()):
             self._set_aside(repository.tag_folder / name, "marked a tag that is gone")
-        if MAIN not in repository.refs() and repository.described():
+        if lacks_main(repository):
             self._point(MAIN, self._newest())
 
     def _point(self, name: str, commit_id: str) -> None:

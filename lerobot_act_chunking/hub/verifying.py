@@ -201,13 +201,19 @@ def _ref_problems(repository: Repository) -> list[str]:
         if not repository.has_revision(said)
     ]
     found += [f"{repository.ref_folder / name} is no branch or tag" for name in stray_refs(repository)]
-    if MAIN not in refs and repository.described():
-        found.append(f"{repository.ref_folder / MAIN} is missing")
+    if lacks_main(repository):
+        found.append(f"{repository.ref_folder / MAIN} is missing or a folder")
     return found
 
 
 def _lost(repository: Repository, commit_id: str) -> str:
     return "a revision whose folder is lost" if repository.is_described(commit_id) else "not a revision"
+
+
+def lacks_main(repository: Repository) -> bool:
+    """Whether ``main`` is lost; a folder of downloads may never have had one."""
+    in_the_way = (repository.ref_folder / MAIN).is_dir()
+    return in_the_way or (MAIN not in repository.refs() and bool(repository.described()))
 
 
 def stray_refs(repository: Repository) -> list[str]:
@@ -221,6 +227,10 @@ def _notes(repository: Repository) -> list[str]:
         f"revision {commit_id} has no description, so only the files that are there could be checked"
         for commit_id in revisions
         if described and commit_id not in described
+    ]
+    notes += [
+        f"{name!r} was a tag and names nothing: lost, or an interrupted creation or deletion"
+        for name in sorted(repository.tag_marks() - set(repository.refs()))
     ]
     lost = [commit_id for commit_id in described if commit_id not in revisions]
     notes += [

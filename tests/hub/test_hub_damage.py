@@ -271,7 +271,8 @@ def test_a_lost_main_is_named_and_repaired_to_the_newest_revision(world: tuple[L
     status, lines = command(hub, "verify")
     assert status == EXIT_CODES["fail"]
     assert any(
-        "refs/main is missing; repair it with: act-chunking hub repair me/act" in line for line in lines
+        "refs/main is missing or a folder; repair it with: act-chunking hub repair me/act" in line
+        for line in lines
     )
     with pytest.raises(HfHubHTTPError, match="repair it with"):
         push(ACT, {"new.txt": b"new"})
