@@ -29,7 +29,7 @@ class ExecutionFields:
     gripper_dims: list[int] = field(default_factory=list)
 
     def resolve_execution(
-        self, chunk_size: int, n_action_steps: int | None, action: PolicyFeature | None
+        self, chunk_size: int, n_action_steps: int | None, action: PolicyFeature | None = None
     ) -> ExecutionSettings:
         """The settings with the mode's defaults filled in.
 
