@@ -8,7 +8,7 @@ import numpy as np
 
 WINDOW_S = 0.3
 """Time within which what stands out of its surroundings counts as noise [s]."""
-MOST_NOISE = 0.05
+MOST_NOISE = 1 / 30
 """Noise, as a share of what a dimension varies in an episode, from which it does not move, but tremble."""
 ROUNDING = 1e-6
 """Range, as a share of the largest value, that 32-bit numbers leave behind by rounding."""
@@ -16,6 +16,8 @@ SWITCH = 0.2
 """Change within a control step, as a share of the range, that nobody moves through: a switch."""
 FEWEST_STEPS = 5
 """Control steps that an episode needs to show noise."""
+LEFT_OF_WHITE_NOISE = (18 / 35) ** 0.5
+"""What a parabola over five steps leaves of white noise (rms)."""
 
 
 @dataclass(frozen=True)
@@ -87,8 +89,8 @@ def listed(names: Sequence[str], most: int = 8) -> str:
 def measure_noise(episodes: Sequence[np.ndarray], fps: float, names: Sequence[str]) -> NoiseFloor:
     """Find out which dimensions move.
 
-    Noise is what neither the running median nor a local parabola of ``WINDOW_S`` explains: the one follows a
-    leap, the other a bend.
+    Noise is what neither the running median of ``WINDOW_S`` explains, which follows a leap, nor a parabola
+    over as long, which follows a bend, nor one over `FEWEST_STEPS` steps, which follows fast motion.
 
     Args:
         episodes: (L, A) each, in any units.
@@ -127,7 +129,8 @@ def _noise_shares(rows: np.ndarray, window: int) -> np.ndarray:
         return np.ones(rows.shape[1])
     off_median = np.abs(rows - median_filter(rows, (window, 1), mode="nearest"))
     off_parabola = np.abs(rows - savgol_filter(rows, window, 2, axis=0))
-    noise = np.sqrt(np.square(np.minimum(off_median, off_parabola)).mean(0))
+    off_near = np.abs(rows - savgol_filter(rows, FEWEST_STEPS, 2, axis=0)) / LEFT_OF_WHITE_NOISE
+    noise = np.sqrt(np.square(np.minimum.reduce([off_median, off_parabola, off_near])).mean(0))
     spread = rows.std(0)
     varies = spread > ROUNDING * np.abs(rows).max(0)
     return np.where(varies, noise / np.where(varies, spread, 1.0), 1.0)
