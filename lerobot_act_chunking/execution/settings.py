@@ -122,18 +122,19 @@ class ExecutionSettings:
             if value is not None and self.execution not in modes:
                 raise ConfigurationError(
                     f"{name}={value} has no effect with execution={self.execution}: "
-                    f"set execution={' or '.join(modes)}, or {name}=null"
+                    f"set {' or '.join(f'execution={mode}' for mode in modes)}, or {name}=null"
                 )
         coeff = self.temporal_ensemble_coeff
         if coeff is not None and not (math.isfinite(coeff) and coeff >= 0):
             raise ConfigurationError(
-                f"temporal_ensemble_coeff={coeff} must be at least 0: to favour new predictions, for which "
-                "LeRobot takes a negative one, set ensemble_weighting=recency and a positive coefficient"
+                f"temporal_ensemble_coeff={coeff} must be at least 0; to favour new predictions, for which "
+                "LeRobot takes a negative one: set ensemble_weighting=recency and "
+                f"temporal_ensemble_coeff={-coeff if math.isfinite(coeff) else DEFAULT_COEFF}"
             )
         if self.ensemble_weighting == "uniform" and coeff:
             raise ConfigurationError(
                 f"temporal_ensemble_coeff={coeff} has no effect with ensemble_weighting=uniform: "
-                "set it to 0, or the weighting to act or recency"
+                "set temporal_ensemble_coeff=0, or ensemble_weighting=act or ensemble_weighting=recency"
             )
 
     def _check_timing(self) -> None:
@@ -146,36 +147,52 @@ class ExecutionSettings:
         if used > self.chunk_size:
             raise ConfigurationError(
                 f"n_action_steps={used} exceeds the {self.chunk_size} control steps of a chunk: "
-                "only predicted actions can be executed"
+                f"only predicted actions can be executed: set n_action_steps={self.chunk_size} or less"
             )
         if self.execution == "open_loop":
             self._check_open_loop()
         elif interval >= used:
             raise ConfigurationError(
                 f"execution={self.execution} needs overlapping chunks: replan_interval={interval} must be "
-                f"below n_action_steps={used} (LeRobot's n_action_steps=1 is replan_interval=1 here)"
+                f"below n_action_steps={used}: set {self._ways_to_overlap()}"
             )
         elif interval + latency > used:
             raise ConfigurationError(
                 f"replan_interval={interval} + latency_steps={latency} exceeds n_action_steps={used}: the "
-                "old chunk would end before the new one can be used"
+                f"old chunk would end before the new one can be used{self._replan_by(used - latency)}"
             )
         elif interval + latency == used and self.execution in _BLENDING:
             raise ConfigurationError(
                 f"execution={self.execution} has nothing to blend: replan_interval={interval} + "
                 f"latency_steps={latency} must be below n_action_steps={used}, so that two chunks overlap"
+                f"{self._replan_by(used - latency - 1)}"
             )
 
+    def _ways_to_overlap(self) -> str:
+        """What was meant by a chunk that no newer one overlaps."""
+        to_its_end = "execution=open_loop and replan_interval=null to run each chunk to its end"
+        if self.n_action_steps > 1:
+            return f"replan_interval=null for the default, or {to_its_end}"
+        if self.chunk_size == 1:
+            return to_its_end
+        return f"n_action_steps=null and replan_interval=1 to replan at every step, or {to_its_end}"
+
+    def _replan_by(self, latest: int) -> str:
+        """The way out by an earlier replan, if it is not too late for any."""
+        return f": set replan_interval={latest} or less" if latest >= 1 else ""
+
     def _check_open_loop(self) -> None:
+        earlier = self.replan_interval < self.n_action_steps
         if self.replan_interval != self.n_action_steps:
             raise ConfigurationError(
                 f"execution=open_loop runs each chunk to its end: replan_interval={self.replan_interval} "
-                f"must equal n_action_steps={self.n_action_steps}; execution=receding replans earlier"
+                f"must equal n_action_steps={self.n_action_steps}: set replan_interval=null"
+                + (", or execution=receding to replan earlier" if earlier else "")
             )
         if self.latency_steps:
             raise ConfigurationError(
                 f"execution=open_loop leaves nothing to execute during latency_steps={self.latency_steps}: "
-                "set execution=receding or crossfade"
+                "set execution=receding or execution=crossfade"
             )
 
     def _check_ranges(self) -> None:

@@ -83,12 +83,12 @@ class HeadSpec:
         if self.action_temperature and likelihood in ("l1", "l2"):
             raise ConfigurationError(
                 f"action_temperature={self.action_temperature}, but {likelihood} predicts one action and has "
-                "nothing to sample: use 0, or another action_likelihood"
+                "nothing to sample: set action_temperature=0, or action_likelihood=gaussian"
             )
         if self.action_top_k and not self.action_temperature and likelihood == "categorical":
             raise ConfigurationError(
                 f"action_top_k={self.action_top_k} limits what is sampled, but with action_temperature=0 "
-                "nothing is: set action_temperature, such as 1"
+                "nothing is: set action_temperature=1, or action_top_k=0"
             )
 
 

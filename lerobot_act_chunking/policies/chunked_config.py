@@ -183,7 +183,8 @@ class ChunkedConfig(DatasetReading, ExecutionFields, GivenSettings, ChecksPush):
         check_backbone(self.vision_backbone, self.pretrained_backbone_weights)
         if self.pretrained_backbone_weights is not None and self.backbone_norm != "frozen_batch":
             raise ConfigurationError(
-                f"pretrained weights need backbone_norm=frozen_batch, not {self.backbone_norm}"
+                f"pretrained weights need another backbone_norm than {self.backbone_norm}: set "
+                "--policy.backbone_norm=frozen_batch, or --policy.pretrained_backbone_weights=null"
             )
 
     @property

@@ -72,8 +72,8 @@ RANGES: dict[str, Range] = {
     "temporal_ensemble_coeff": Range(
         0,
         100,
-        hint="to favour new predictions, for which LeRobot takes a negative one, set "
-        "ensemble_weighting=recency and a positive coefficient",
+        hint="set ensemble_weighting=recency and temporal_ensemble_coeff=0.01 to favour new predictions, for "
+        "which LeRobot takes a negative one",
     ),
     "crossfade_steps": Range(1, 10**5),
     "adaptive_scale": Range(0, 10**6, above=True),
@@ -130,7 +130,9 @@ RANGES: dict[str, Range] = {
     "latent_dim": _WIDTH,
     "n_latent_components": Range(2, 10**4),
     "latent_warmup_steps": Range(1, _STEPS_OF_TRAINING),
-    "z_temperature": Range(0, 100, above=True, hint="for the likeliest style alone, use z_inference=mode"),
+    "z_temperature": Range(
+        0, 100, above=True, hint="set z_temperature=1 (z_inference=mode takes the likeliest style)"
+    ),
     "z_hold_steps": Range(0, _STEPS_OF_TRAINING),
     "vae_action_stride": _PREDICTIONS,
     "kl_weight": _WEIGHT,

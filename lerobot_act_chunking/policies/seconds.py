@@ -1,6 +1,13 @@
 """Settings in seconds, as the control steps that policies work with."""
 
+import math
+
 from lerobot_act_chunking.errors import ConfigurationError
+
+
+def shortest(fps: float) -> float:
+    """A time that is one control step [s], in few digits and not below it."""
+    return math.ceil(1e4 / fps) / 1e4
 
 
 def to_stride(prediction_dt: float, fps: float) -> int:
@@ -16,7 +23,7 @@ def to_stride(prediction_dt: float, fps: float) -> int:
     if not prediction_dt * fps > 0.5:
         raise ConfigurationError(
             f"prediction_dt={prediction_dt} s is shorter than a control step at fps={fps:g}: "
-            f"set it to {1 / fps:.3g} or more"
+            f"set prediction_dt={shortest(fps)} or more"
         )
     return round(prediction_dt * fps)
 
@@ -36,7 +43,7 @@ def to_chunk_size(horizon_s: float, fps: float, stride: int) -> int:
     if n_steps < 1:
         raise ConfigurationError(
             f"horizon_s={horizon_s} s is shorter than a control step at fps={fps:g}: "
-            f"set it to {1 / fps:.3g} or more"
+            f"set horizon_s={shortest(fps)} or more"
         )
     return -(-(n_steps - 1) // stride) + 1
 
@@ -55,6 +62,6 @@ def to_interval(replan_s: float, fps: float) -> int:
     if n_steps < 1:
         raise ConfigurationError(
             f"replan_s={replan_s} s is shorter than a control step at fps={fps:g}: "
-            f"set it to {1 / fps:.3g} or more"
+            f"set replan_s={shortest(fps)} or more"
         )
     return n_steps

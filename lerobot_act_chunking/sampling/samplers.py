@@ -108,7 +108,9 @@ def check_sampler(
     if clip_mode not in CLIP_MODES:
         raise unknown_choice("clip_mode", clip_mode, CLIP_MODES)
     if clip_mode == "lerobot" and name not in ("ddim", "ddpm"):
-        raise ConfigurationError(f"clip_mode 'lerobot' is for ddim and ddpm; for {name} use 'consistent'")
+        raise ConfigurationError(
+            f"clip_mode 'lerobot' is for ddim and ddpm, not for {name}: set clip_mode=consistent"
+        )
     if num_inference_steps < 1:
         raise ConfigurationError(f"num_inference_steps must be at least 1, but is {num_inference_steps}")
     if not 0 < strength <= 1:
@@ -127,13 +129,17 @@ def _check_spacing(name: str, num_inference_steps: int, spacing: str | None) -> 
         if num_inference_steps == 1 and spacing != "trailing":
             raise ConfigurationError(
                 f"one step of {name} with {spacing or 'leading'} spacing takes the noise for nearly clean "
-                "actions: use timestep spacing 'trailing', or more steps"
+                "actions: set timestep_spacing=trailing, or num_inference_steps=2 or more"
             )
     elif name == "dpm++":
         if spacing not in (None, "trailing"):
-            raise ConfigurationError(f"dpm++ has trailing timestep spacing, not {spacing!r}: leave it unset")
+            raise ConfigurationError(
+                f"dpm++ has trailing timestep spacing, not {spacing!r}: set timestep_spacing=null"
+            )
     elif spacing is not None:
-        raise ConfigurationError(f"{name} has no timestep spacing, but it is {spacing!r}: leave it unset")
+        raise ConfigurationError(
+            f"{name} has no timestep spacing, but it is {spacing!r}: set timestep_spacing=null"
+        )
 
 
 def _check_train_steps(name: str, num_inference_steps: int, num_train_timesteps: int) -> None:
@@ -144,7 +150,7 @@ def _check_train_steps(name: str, num_inference_steps: int, num_train_timesteps:
     if name == "dpm++" and 2 * num_inference_steps > num_train_timesteps:
         raise ConfigurationError(
             f"dpm++ with {num_inference_steps} of {num_train_timesteps} training steps divides by zero where "
-            f"two steps meet: use at most {num_train_timesteps // 2} steps, or ddim"
+            f"two steps meet: set num_inference_steps={num_train_timesteps // 2} or less, or sampler=ddim"
         )
 
 

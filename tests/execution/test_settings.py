@@ -65,7 +65,7 @@ def test_by_default_replanning_leaves_an_overlap(execution, chunk_size, latency)
         (
             {"temporal_ensemble_coeff": 0.01},
             "temporal_ensemble_coeff=0.01 has no effect with execution=open_loop: set execution=ensemble or "
-            "adaptive, or temporal_ensemble_coeff=null",
+            "execution=adaptive, or temporal_ensemble_coeff=null",
         ),
         ({"execution": "receding", "ensemble_weighting": "act"}, "ensemble_weighting=act has no effect with"),
         ({"execution": "ensemble", "crossfade_steps": 2}, "set execution=crossfade, or crossfade_steps=null"),
@@ -74,8 +74,8 @@ def test_by_default_replanning_leaves_an_overlap(execution, chunk_size, latency)
         ({"execution": "ensemble", "n_samples": 3}, "n_samples=3 has no effect with execution=ensemble"),
         (
             {"execution": "ensemble", "temporal_ensemble_coeff": -0.1},
-            "temporal_ensemble_coeff=-0.1 must be at least 0: to favour new predictions, for which LeRobot "
-            "takes a negative one, set ensemble_weighting=recency and a positive coefficient",
+            "temporal_ensemble_coeff=-0.1 must be at least 0; to favour new predictions, for which LeRobot "
+            "takes a negative one: set ensemble_weighting=recency and temporal_ensemble_coeff=0.1",
         ),
         (
             {"execution": "ensemble", "temporal_ensemble_coeff": math.nan},
@@ -87,7 +87,8 @@ def test_by_default_replanning_leaves_an_overlap(execution, chunk_size, latency)
         ),
         (
             {"execution": "ensemble", "temporal_ensemble_coeff": 0.1, "ensemble_weighting": "uniform"},
-            "temporal_ensemble_coeff=0.1 has no effect with ensemble_weighting=uniform: set it to 0",
+            "temporal_ensemble_coeff=0.1 has no effect with ensemble_weighting=uniform: set "
+            "temporal_ensemble_coeff=0, or ensemble_weighting=act",
         ),
         ({"chunk_size": 0}, "chunk_size=0 must be at least 1"),
         ({"n_action_steps": 0}, "n_action_steps=0 must be at least 1"),
@@ -96,8 +97,8 @@ def test_by_default_replanning_leaves_an_overlap(execution, chunk_size, latency)
         ({"n_action_steps": 11}, "n_action_steps=11 exceeds the 10 control steps of a chunk: only predicted"),
         (
             {"execution": "ensemble", "n_action_steps": 4, "replan_interval": 4},
-            "execution=ensemble needs overlapping chunks: replan_interval=4 must be below n_action_steps=4 "
-            "(LeRobot's n_action_steps=1 is replan_interval=1 here)",
+            "execution=ensemble needs overlapping chunks: replan_interval=4 must be below n_action_steps=4: "
+            "set replan_interval=null",
         ),
         ({"execution": "receding", "n_action_steps": 1}, "replan_interval=1 must be below n_action_steps=1"),
         (
@@ -112,8 +113,8 @@ def test_by_default_replanning_leaves_an_overlap(execution, chunk_size, latency)
         ),
         (
             {"replan_interval": 5},
-            "execution=open_loop runs each chunk to its end: replan_interval=5 must equal n_action_steps=10; "
-            "execution=receding replans earlier",
+            "execution=open_loop runs each chunk to its end: replan_interval=5 must equal n_action_steps=10: "
+            "set replan_interval=null, or execution=receding to replan earlier",
         ),
         (
             {"latency_steps": 1},

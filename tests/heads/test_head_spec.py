@@ -30,7 +30,7 @@ def test_defaults_work_for_every_likelihood(likelihood):
         ({"action_top_k": 300}, "action_top_k=300 must be at least 0 and at most 256"),
         ({"action_temperature": 1.0}, "l1 predicts one action and has nothing to sample"),
         ({"action_temperature": 1.0, "action_likelihood": "l2"}, "l2 predicts one action"),
-        ({"action_top_k": 5, "action_likelihood": "categorical"}, "set action_temperature, such as 1"),
+        ({"action_top_k": 5, "action_likelihood": "categorical"}, "set action_temperature=1"),
     ],
 )
 def test_what_cannot_work_is_refused(settings, message):

@@ -175,7 +175,7 @@ def test_a_constant_rate_may_warm_up():
         ),
         (
             {"pretrained_backbone_weights": "ResNet18_Weights.IMAGENET1K_V1", "backbone_norm": "group"},
-            "pretrained weights need backbone_norm=frozen_batch, not group",
+            "another backbone_norm than group: set --policy.backbone_norm=frozen_batch",
         ),
     ],
 )
@@ -263,7 +263,7 @@ def test_likelihoods_that_cannot_work(settings, message):
         (VAE | {"latent_warmup_steps": 0}, "latent_warmup_steps=0 must be at least 1"),
         (
             SAMPLED | {"z_temperature": 0.0},
-            "z_temperature=0.0 must be above 0 and at most 100: for the",
+            "z_temperature=0.0 must be above 0 and at most 100: set z_temperature=1",
         ),
         (VAE | {"n_vae_encoder_layers": 0}, "n_vae_encoder_layers=0 must be at least 1"),
         (VAE | {"vae_action_stride": 0}, "vae_action_stride=0 must be at least 1"),
@@ -281,7 +281,7 @@ def test_likelihoods_that_cannot_work(settings, message):
             SAMPLED | {"z_hold": "steps", "z_hold_steps": 7, "execution": "ensemble"},
             "z_hold=steps samples a new latent while execution=ensemble averages",
         ),
-        (VAE | {"execution": "coherence"}, "act_chunked predicts a single one: sample the latent"),
+        (VAE | {"execution": "coherence"}, "act_chunked predicts a single one: set --policy.use_vae=true"),
         (
             SAMPLED | {"execution": "coherence"},
             "execution=coherence chooses anew among sampled chunks, z_hold=episode keeps",

@@ -101,7 +101,7 @@ def test_the_rate_warms_up_when_the_policy_begins_to_learn_and_ends_at_zero():
         ({"tokenizer": "uniform", "n_bins": 1}, "n_bins=1"),
         ({"tokenizer": "dct", "chunk_size": 5, "dct_coefficients": 6}, "dct_coefficients=6"),
         ({"tokenizer": "uniform", "normalization_mapping": MEAN_STD}, r"bins in \[-1, 1\].*MIN_MAX"),
-        ({"tokenizer": "dct", "offset_mode": "table"}, "use code_conditioned"),
+        ({"tokenizer": "dct", "offset_mode": "table"}, "set offset_mode=code_conditioned"),
         ({"tokenizer": "dct", "tokenizer_training": "joint"}, "nothing to learn"),
         ({"tokenizer_training": "joint", "use_ema": True}, "set --policy.use_ema=false"),
         ({"execution": "coherence", "bet_softmax_temperature": 0.0}, "gives a single one"),

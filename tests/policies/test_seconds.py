@@ -52,7 +52,7 @@ def test_a_saved_configuration_still_says_seconds(type_, tmp_path):
         ({"horizon_s": 0.001, "fps": 50}, "horizon_s=0.001 s is shorter than a control step at fps=50"),
         (
             {"replan_s": 0.0, "fps": 50},
-            "replan_s=0.0 s is shorter than a control step at fps=50: set it to 0.02",
+            "replan_s=0.0 s is shorter than a control step at fps=50: set replan_s=0.02",
         ),
         (
             {"prediction_dt": 0.1, "chunk_stride": 4, "fps": 50},

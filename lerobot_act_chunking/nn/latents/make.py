@@ -64,8 +64,8 @@ class LatentSpec:
                 raise ConfigurationError(f"{name}={getattr(self, name)} must be at least {least}")
         if not 0 < self.z_temperature < math.inf:
             raise ConfigurationError(
-                f"z_temperature={self.z_temperature} must be above 0 and finite: for the likeliest style "
-                "alone, use z_inference=mode"
+                f"z_temperature={self.z_temperature} must be above 0 and finite: set z_temperature=1, with "
+                "z_inference=mode for the likeliest style alone"
             )
 
 

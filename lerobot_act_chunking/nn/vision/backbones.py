@@ -29,7 +29,8 @@ def check_backbone(name: str, weights: str | None) -> None:
         need("timm", f"vision_backbone={name}", timm_models.VISION)
     if name == SMALL_CNN and weights is not None:
         raise ConfigurationError(
-            f"pretrained_backbone_weights={weights}: there are none for vision_backbone={SMALL_CNN}, set null"
+            f"pretrained_backbone_weights={weights}: there are none for vision_backbone={SMALL_CNN}: set "
+            "pretrained_backbone_weights=null"
         )
 
 

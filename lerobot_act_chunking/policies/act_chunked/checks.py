@@ -43,7 +43,7 @@ def _check_history(config: "ActChunkedConfig") -> None:
     for name in ("use_velocity", "history_dropout"):
         if getattr(config, name):
             raise ConfigurationError(
-                f"{name}={getattr(config, name)} needs earlier observations: set --policy.n_obs_steps to 2 "
+                f"{name}={getattr(config, name)} needs earlier observations: set --policy.n_obs_steps=2 "
                 "or more"
             )
 
@@ -63,12 +63,13 @@ def _check_latent(config: "ActChunkedConfig") -> None:
     if config.vae_action_stride > config.chunk_size:
         raise ConfigurationError(
             f"vae_action_stride={config.vae_action_stride} averages more actions than the chunk has "
-            f"(chunk_size={config.chunk_size})"
+            f"(chunk_size={config.chunk_size}): set vae_action_stride={config.chunk_size} or less"
         )
     if (config.z_hold == "steps") != (config.z_hold_steps > 0):
+        held = config.z_hold == "steps"
+        ways = "z_hold_steps=1 or more, or z_hold=episode" if held else "z_hold=steps, or z_hold_steps=0"
         raise ConfigurationError(
-            f"z_hold={config.z_hold} and z_hold_steps={config.z_hold_steps} contradict each other: "
-            "z_hold=steps needs z_hold_steps of 1 or more, and nothing else uses them"
+            f"z_hold={config.z_hold} and z_hold_steps={config.z_hold_steps} contradict each other: set {ways}"
         )
     mixes = config.z_inference == "sample" and config.z_hold != "episode"
     if mixes and config.execution_settings.execution == "ensemble" and not config.allow_mode_mixing:
@@ -84,9 +85,9 @@ def _check_sampling(config: "ActChunkedConfig") -> None:
         return
     if not config.samples:
         raise ConfigurationError(
-            "execution=coherence chooses among sampled chunks, but act_chunked predicts a single one: sample "
-            "the latent (--policy.use_vae=true --policy.z_inference=sample) or the actions "
-            "(--policy.action_temperature=1 with a likelihood that has a spread)"
+            "execution=coherence chooses among sampled chunks, but act_chunked predicts a single one: set "
+            "--policy.use_vae=true --policy.z_inference=sample --policy.z_hold=chunk for latents, or "
+            "--policy.action_likelihood=gaussian --policy.action_temperature=1 for actions"
         )
     if config.action_temperature == 0 and config.z_hold != "chunk":
         raise ConfigurationError(

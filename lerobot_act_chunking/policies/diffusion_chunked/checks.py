@@ -41,19 +41,21 @@ def _check_horizon(config: "DiffusionChunkedConfig") -> None:
     timing = config.timing
     if timing.past_steps and config.chunk_stride > 1:
         raise ConfigurationError(
-            f"chunk_stride={config.chunk_stride} needs align=current: observations are one control step "
-            "apart, predicted actions are not"
+            f"chunk_stride={config.chunk_stride} needs align=current, because observations are one control "
+            "step apart and predicted actions are not: set align=current, or chunk_stride=1"
         )
     if config.n_action_steps > timing.control_steps:
         needed = (config.n_action_steps - 2) // config.chunk_stride + 2 + timing.past_steps
         raise ConfigurationError(
             f"horizon={config.horizon} covers {timing.control_steps} control steps from now on, fewer than "
-            f"n_action_steps={config.n_action_steps}: set horizon to {needed} or more"
+            f"n_action_steps={config.n_action_steps}: "
+            f"set horizon={needed} or more, or n_action_steps={timing.control_steps}"
         )
     settings = config.execution_settings
     if settings.execution == "coherence" and config.objective == "two_step":
         raise ConfigurationError(
-            "execution=coherence chooses among sampled chunks, but objective=two_step predicts a single one"
+            "execution=coherence chooses among sampled chunks, but objective=two_step predicts a single one: "
+            "set execution=crossfade, or objective=flow"
         )
 
 
@@ -89,7 +91,7 @@ def _check_sampling(config: "DiffusionChunkedConfig") -> None:
     if config.prediction_type not in allowed:
         raise ConfigurationError(
             f"prediction_type={config.prediction_type} does not go with objective={config.objective}: "
-            f"use {' or '.join(allowed)}"
+            f"set {' or '.join(f'prediction_type={name}' for name in allowed)}"
         )
     check_sampler(
         config.objective,
@@ -104,15 +106,19 @@ def _check_sampling(config: "DiffusionChunkedConfig") -> None:
 def _check_warm_start(config: "DiffusionChunkedConfig") -> None:
     start, settings = config.warm_start, config.execution_settings
     if start != "none" and config.timing.past_steps:
-        raise ConfigurationError(f"warm_start={start} needs align=current: a plan has no past")
+        raise ConfigurationError(
+            f"warm_start={start} needs align=current, because a plan has no past: set align=current, or "
+            "warm_start=none"
+        )
     if start not in ("none", "prefix") and config.objective == "two_step":
         raise ConfigurationError(
-            f"warm_start={start} changes how noise becomes actions, but objective=two_step uses none"
+            f"warm_start={start} changes how noise becomes actions, but objective=two_step uses none: "
+            "set warm_start=none, or objective=flow"
         )
     if (config.prefix_steps or start == "prefix") and config.denoiser == "unet1d":
         raise ConfigurationError(
             "prefix conditioning gives each token its own time, which unet1d cannot: "
-            "use denoiser=dit or mixer"
+            "set denoiser=dit or denoiser=mixer"
         )
     if start == "prefix" and settings.latency_steps > config.prefix_steps:
         raise ConfigurationError(
@@ -120,7 +126,10 @@ def _check_warm_start(config: "DiffusionChunkedConfig") -> None:
             f"prefix_steps of at least as much, not {config.prefix_steps}"
         )
     if start == "prefix" and not config.prefix_steps:
-        raise ConfigurationError("warm_start=prefix needs a policy trained with prefix_steps > 0")
+        raise ConfigurationError(
+            "warm_start=prefix needs a policy trained with prefix_steps > 0: set warm_start=none, or "
+            "train one with prefix_steps=4"
+        )
     if config.prefix_tokens * config.actions_per_token >= config.horizon:
         raise ConfigurationError(
             f"prefix_steps={config.prefix_steps} leaves nothing to predict: a chunk covers "
@@ -129,7 +138,7 @@ def _check_warm_start(config: "DiffusionChunkedConfig") -> None:
     if start == "noise_hold" and settings.execution == "coherence":
         raise ConfigurationError(
             "warm_start=noise_hold gives all samples of a step the same noise: execution=coherence would "
-            "have nothing to choose from"
+            "have nothing to choose from: set warm_start=none, or execution=crossfade"
         )
     overlapping = settings.replan_interval < settings.n_action_steps
     if start == "noise_hold" and overlapping and settings.replan_interval % config.chunk_stride:
@@ -143,9 +152,11 @@ def _check_warm_start(config: "DiffusionChunkedConfig") -> None:
 def _check_guidance(config: "DiffusionChunkedConfig") -> None:
     if config.condition_dropout and not config.guidance_features:
         raise ConfigurationError(
-            f"condition_dropout={config.condition_dropout} leaves out guidance_features, but none are named"
+            f"condition_dropout={config.condition_dropout} leaves out guidance_features, but none are named: "
+            "set condition_dropout=0, or name them"
         )
     if config.guidance_scale != 1 and not config.condition_dropout:
         raise ConfigurationError(
-            f"guidance_scale={config.guidance_scale} needs a policy trained with condition_dropout > 0"
+            f"guidance_scale={config.guidance_scale} needs a policy trained with condition_dropout > 0: set "
+            "guidance_scale=1"
         )

@@ -59,8 +59,8 @@ def _check_tokenizer(config: "VqbetChunkedConfig") -> None:
         )
     if joint and config.tokenizer in BOUNDED:
         raise ConfigurationError(
-            f"tokenizer={config.tokenizer} has nothing to learn: tokenizer_training=joint needs residual_vq "
-            "or fsq"
+            f"tokenizer={config.tokenizer} has nothing to learn, but tokenizer_training is joint: set "
+            "tokenizer=residual_vq or tokenizer=fsq, or tokenizer_training=in_loop"
         )
     if joint and config.use_ema:
         raise ConfigurationError(
@@ -73,7 +73,7 @@ def _check_offsets(config: "VqbetChunkedConfig") -> None:
     if config.offset_mode == "table" and config.tokenizer in BOUNDED:
         raise ConfigurationError(
             f"offset_mode=table holds a whole chunk for every value of every code, far too many with "
-            f"tokenizer={config.tokenizer}: use code_conditioned"
+            f"tokenizer={config.tokenizer}: set offset_mode=code_conditioned"
         )
 
 
@@ -83,9 +83,10 @@ def _check_sampling(config: "VqbetChunkedConfig") -> None:
     if config.bet_softmax_temperature == 0:
         raise ConfigurationError(
             "execution=coherence chooses among sampled chunks, but bet_softmax_temperature=0 gives a single "
-            "one"
+            "one: set bet_softmax_temperature=1, or execution=crossfade"
         )
     if config.code_hold == "episode":
         raise ConfigurationError(
-            "execution=coherence chooses anew among sampled chunks, code_hold=episode chooses once: use one"
+            "execution=coherence chooses anew among sampled chunks, code_hold=episode chooses once: set "
+            "code_hold=chunk, or execution=crossfade"
         )
