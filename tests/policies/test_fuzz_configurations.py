@@ -57,7 +57,7 @@ def live(policy, folder):
     optimizer = config.get_optimizer_preset().build(policy.get_optim_params())
     scheduler = config.get_scheduler_preset()
     if scheduler is not None:
-        scheduler.build(optimizer, num_training_steps=10)
+        scheduler.build(optimizer, num_training_steps=2 * 10**9)  # longer than any phase of it
     policy.train()
     for _ in range(2):  # a tokenizer may take the first
         loss, _metrics = policy.forward(batch_of(config, generator))
