@@ -121,7 +121,8 @@ class ChunkedConfig(DatasetReading, ExecutionFields, GivenSettings, ChecksPush):
 
         Of a chunk all actions may be executed. A single one leaves nothing to blend: it is executed as it is.
         """
-        self.normalization_mapping = values["normalization_mapping"] | (self.normalization_mapping or {})
+        given = {key: NormalizationMode(mode) for key, mode in (self.normalization_mapping or {}).items()}
+        self.normalization_mapping = values["normalization_mapping"] | given
         for name, value in ({"chunk_stride": 1} | values).items():
             if getattr(self, name) is PRESET:
                 setattr(self, name, value)

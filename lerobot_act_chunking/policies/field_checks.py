@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import fields
+from enum import Enum
 from functools import cache
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -75,6 +76,8 @@ def _fits(value: Any, hint: Any) -> bool:
         return isinstance(value, list | tuple) and right_length and all(_fits(v, inner[0]) for v in value)
     if origin is dict:
         return isinstance(value, dict) and all(_fits(v, inner[1]) for v in value.values())
+    if isinstance(hint, type) and issubclass(hint, Enum):  # by its value, too, as in JSON
+        return value in list(hint)
     return hint is Any or isinstance(value, hint)
 
 

@@ -74,7 +74,6 @@ def test_refusals(dataset, tmp_path, capsys):
         "--fsq-levels", "8;5"
     )
     assert "tokenizer=uniform has nothing to learn" in refused("--tokenizer", "uniform")
-    assert "chunk_size=4 is longer" in refused("--chunk-stride", "9")
     assert not list(tmp_path.iterdir())
 
 

@@ -235,9 +235,10 @@ def test_the_model_card_ends_with_what_the_policy_reads_and_how_it_acts(monkeypa
 
 def test_sampled_chunks_differ_and_repeat_with_their_numbers():
     policy, batch = SAMPLED.policy(), SAMPLED.batch()
+    policy.reset(episode_seeds=range(B))
     first, second = policy.predict_action_chunk(batch), policy.predict_action_chunk(batch)
     assert not torch.equal(first, second)
-    policy.reset()
+    policy.reset(episode_seeds=range(B))
     assert torch.equal(policy.predict_action_chunk(batch), first)
     noise = SAMPLED.noise(B)
     assert torch.equal(
@@ -247,9 +248,10 @@ def test_sampled_chunks_differ_and_repeat_with_their_numbers():
 
 def test_several_samples_of_each_observation():
     policy, batch = SAMPLED.policy(z_hold="chunk"), SAMPLED.batch()
+    policy.reset(episode_seeds=range(B))
     samples = policy.predict_samples(batch, 2)
     assert samples.shape == (2, B, T, A)
-    policy.reset()
+    policy.reset(episode_seeds=range(B))
     torch.testing.assert_close(policy.predict_samples(batch, 1)[0], samples[0])
     assert not torch.equal(samples[0], samples[1])
 

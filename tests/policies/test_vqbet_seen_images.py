@@ -40,31 +40,34 @@ def seen_late(monkeypatch):
 @pytest.mark.parametrize("use_ema", [False, True])
 def test_the_same_actions_as_of_windows_encoded_at_once(monkeypatch, use_ema):
     policy = make(use_ema=use_ema)
+    policy.reset(episode_seeds=range(B))
     actions = rollout(policy, 8)
     assert actions.std(0).min() > 1e-3
     seen_late(monkeypatch)
-    policy.reset()
+    policy.reset(episode_seeds=range(B))
     torch.testing.assert_close(rollout(policy, 8), actions, rtol=1e-4, atol=1e-5)
 
 
 def test_an_environment_that_begins_anew_keeps_nothing(monkeypatch):
     def begin_anew(step):
         if step == 3:
-            policy.reset(envs=[1])
+            policy.reset(envs=[1], episode_seeds=[7])
 
     policy = make()
+    policy.reset(episode_seeds=range(B))
     actions = rollout(policy, 8, begin_anew)
     seen_late(monkeypatch)
-    policy.reset()
+    policy.reset(episode_seeds=range(B))
     torch.testing.assert_close(rollout(policy, 8, begin_anew), actions, rtol=1e-4, atol=1e-5)
 
 
 def test_averaged_weights_see():
     policy = make(use_ema=True)
+    policy.reset(episode_seeds=range(B))
     actions = rollout(policy, 3)
     for parameter in policy.model.parameters():
         parameter.data.zero_()
-    policy.reset()
+    policy.reset(episode_seeds=range(B))
     assert torch.equal(rollout(policy, 3), actions)
 
 

@@ -252,6 +252,7 @@ class DiffusionChunkedPolicy(ChunkedPolicy[DiffusionChunkedConfig, DiffusionNetw
 
     def init_rtc_processor(self) -> None:
         """Refuse a mode that was not learned; LeRobot calls this when it has set ``rtc_config``."""
+        super().init_rtc_processor()
         check_rtc_mode(self.config.rtc_config, learned_prefixes=self.config.warm_start == "prefix")
 
     def _get_default_peft_targets(self) -> dict[str, Any]:

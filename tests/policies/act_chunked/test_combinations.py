@@ -120,8 +120,9 @@ def test_it_learns_in_mixed_precision(case, policy):
 def test_actions_are_the_columns_of_chunks(case):
     """Also where fewer queries are decoded, and where chunks are sampled."""
     policy, batch = shaken(case, execution="open_loop", n_action_steps=3), make_batch(case)
+    policy.reset(episode_seeds=range(B))
     actions = torch.stack([policy.select_action(batch) for _ in range(6)], dim=1)
-    policy.reset()
+    policy.reset(episode_seeds=range(B))
     chunks = [policy.predict_action_chunk(batch)[:, :3] for _ in range(2)]
     torch.testing.assert_close(actions, torch.cat(chunks, dim=1), rtol=1e-5, atol=1e-5)
 
@@ -130,8 +131,9 @@ def test_environments_draw_independently_and_from_generators_of_their_own(case, 
     """Each acts as it would alone; where chunks are sampled, those that see the same act differently."""
     one = make_batch(case, 1)
     before = torch.get_rng_state()
+    policy.reset(episode_seeds=range(8))
     together = policy.predict_action_chunk({key: x.expand(8, *x.shape[1:]) for key, x in one.items()})
-    policy.reset()
+    policy.reset(episode_seeds=range(8))
     alone = [policy.predict_action_chunk(one, envs=[i]) for i in range(2)]
     torch.testing.assert_close(together[:2], torch.cat(alone), rtol=1e-4, atol=1e-5)
     assert torch.equal(torch.get_rng_state(), before)
@@ -162,13 +164,14 @@ def test_one_environment_may_start_a_rollout_alone(case):
         make_batch(case),
     )
     later = {key: x + 1 if key.startswith("observation") else x for key, x in batch.items()}
+    policy.reset(episode_seeds=[0, 1, 2])
     policy.select_action(batch)
     expected = policy.select_action(later)
-    policy.reset()
+    policy.reset(episode_seeds=[3, 4, 5])
     first = policy.select_action(later)
-    policy.reset()
+    policy.reset(episode_seeds=[0, 1, 2])
     policy.select_action(batch)
-    policy.reset([1])
+    policy.reset([1], episode_seeds=[4])
     actions = policy.select_action(later)
     torch.testing.assert_close(actions[[0, 2]], expected[[0, 2]])
     torch.testing.assert_close(actions[1], first[1])

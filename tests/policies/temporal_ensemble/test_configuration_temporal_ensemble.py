@@ -85,7 +85,8 @@ def test_nothing_is_downloaded_if_weights_follow():
 
 def test_a_policy_without_chunks_is_refused():
     with pytest.raises(
-        ConfigurationError, match=r"gaussian_actor cannot be wrapped.*chunks of a known length"
+        ConfigurationError,
+        match=r"gaussian_actor cannot be wrapped: it predicts single actions, never a chunk",
     ):
         make(inner={"type": "gaussian_actor"})
 
