@@ -167,7 +167,7 @@ def _notes(subject: Subject, training: ActionEpisodes | None, other: ActionEpiso
 
 def _still(coded: CodedChunks, demonstrations: ActionEpisodes) -> list[str]:
     """Dimensions that are in no verdict."""
-    names = [demonstrations.names[dim] for dim in np.flatnonzero(~coded.chunks.moving).tolist()]
+    names = [demonstrations.names[int(dim)] for dim in np.flatnonzero(~coded.chunks.moving)]
     return (
         [f"{len(names)} dimensions do not move beyond their noise, and do not count: {listed(names)}."]
         if names
