@@ -6,15 +6,12 @@
 Studies: `recipe` (three training seeds), `lerobot` (LeRobot's `diffusion` on the same data, for as long on
 the same core), `variants` (objectives and denoisers) and `steps` (sampler steps against success, jerk and
 milliseconds). Every policy is trained by lerobot-train on the recording of benchmarks/quickstart.py (made
-first if it is not there) and acts in the same 200 episodes, in `steps` in the first 100 of them. Every
-training and every evaluation is written down when it is done, so the studies can be stopped and gone on
-with, and may run side by side.
+first if it is not there) and acts in the same 200 episodes. Every training and every evaluation is written
+down when it is done, so the studies can be stopped and gone on with, and may run side by side.
 """
 
 from diffusion_variants import STUDIES, VARIANTS
 from policy_study import run_studies
 
-SWEEP_EPISODES = 100
-
 if __name__ == "__main__":
-    run_studies("diffusion", __doc__, STUDIES, VARIANTS, at_most={"steps": SWEEP_EPISODES})
+    run_studies("diffusion", __doc__, STUDIES, VARIANTS)

@@ -71,11 +71,11 @@ VARIANTS = {
 
 
 def policies(task: str) -> Iterator[Run]:
-    """Every policy type on the same data; three training seeds of those that are best."""
-    for variant in ("diffusion_chunked", "act_chunked"):
+    """Every policy type on the same data; three training seeds of ours."""
+    for variant in ("diffusion_chunked", "act_chunked", "vqbet_chunked"):
         for seed in SEEDS:
             yield Run(task, variant, seed)
-    for variant in ("vqbet_chunked", "lerobot_act", "lerobot_act_slower", "lerobot_act_faster"):
+    for variant in ("lerobot_act", "lerobot_act_slower", "lerobot_act_faster"):
         yield Run(task, variant)
 
 

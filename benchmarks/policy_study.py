@@ -12,7 +12,6 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from execution_study import FEWEST_SUCCESSES, FIRST_SEED, smoothness
@@ -254,7 +253,6 @@ def run_studies(
     studies: Mapping[str, Callable[[str], Iterable[Run]]],
     variants: Mapping[str, Variant],
     *,
-    at_most: Mapping[str, int] = MappingProxyType({}),
     tasks: Sequence[str] = ("transfer_cube", "insertion"),
     recordings: str = "quickstart",
 ) -> None:
@@ -265,7 +263,6 @@ def run_studies(
         description: for ``--help``.
         studies: by name, what is run for a task.
         variants: the policies, by their names in runs.
-        at_most: episodes of studies that have fewer than the others.
         tasks: to run unless others are asked for.
         recordings: name of the benchmark whose demonstrations are learned from.
     """
@@ -283,5 +280,5 @@ def run_studies(
     study = Study(args.folder, args.recordings, variants, console)
     for title in args.studies:
         runs = [asked for task in args.tasks for asked in studies[title](task)]
-        cells = study.cells(runs, min(args.episodes, at_most.get(title, args.episodes)))
+        cells = study.cells(runs, args.episodes)
         report(title, cells, args.out / f"{name}_{title}.json", console)

@@ -6,9 +6,11 @@ from typing import Any
 
 import datasets
 import pytest
+from lerobot.datasets import factory
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot_sets import NUMBERS, REPO_ID, STATES, camera, record
 
+from lerobot_act_chunking.data import fast_chunks
 from lerobot_act_chunking.data.fast_chunks.dataset import FastChunkDataset
 
 
@@ -67,3 +69,14 @@ def open_both() -> Callable[..., tuple[FastChunkDataset, LeRobotDataset]]:
         return FastChunkDataset(REPO_ID, root, **options), LeRobotDataset(REPO_ID, root, **options)
 
     return open_pair
+
+
+@pytest.fixture
+def stock_factory() -> Iterable[None]:
+    """LeRobot's own factory, as it is before the plugin is discovered."""
+    installed = factory.LeRobotDataset is FastChunkDataset
+    fast_chunks.uninstall()
+    yield
+    fast_chunks.uninstall()
+    if installed:
+        fast_chunks.install()

@@ -20,15 +20,7 @@ from lerobot_act_chunking.data.fast_chunks.dataset import FastChunkDataset
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
 
-
-@pytest.fixture(autouse=True)
-def clean():
-    installed = factory.LeRobotDataset is FastChunkDataset
-    fast_chunks.uninstall()
-    yield
-    fast_chunks.uninstall()
-    if installed:
-        fast_chunks.install()
+pytestmark = pytest.mark.usefixtures("stock_factory")
 
 
 def config(root, **policy) -> TrainPipelineConfig:

@@ -14,16 +14,7 @@ from lerobot_sets import REPO_ID, assert_same, batch
 from lerobot_act_chunking.data import fast_chunks
 from lerobot_act_chunking.data.fast_chunks.dataset import FastChunkDataset
 
-
-@pytest.fixture(autouse=True)
-def clean():
-    """LeRobot's own factory, as it is before the plugin is discovered."""
-    installed = factory.LeRobotDataset is FastChunkDataset
-    fast_chunks.uninstall()
-    yield
-    fast_chunks.uninstall()
-    if installed:
-        fast_chunks.install()
+pytestmark = pytest.mark.usefixtures("stock_factory")
 
 
 def config(root, **dataset) -> TrainPipelineConfig:
