@@ -410,7 +410,10 @@ def test_metrics_of_latent_health():
         ({"latent_dim": 0}, "latent_dim=0 must be at least 1"),
         ({"n_latent_components": 1}, "n_latent_components=1 must be at least 2"),
         ({"latent_warmup_steps": 0}, "latent_warmup_steps=0 must be at least 1"),
-        ({"z_temperature": 0.0}, "z_temperature=0.0 must be above 0 and finite: .* use z_inference=mode"),
+        (
+            {"z_temperature": 0.0},
+            "z_temperature=0.0 must be above 0 and finite: set z_temperature=1, with z_inference=mode",
+        ),
         ({"z_temperature": float("inf")}, "z_temperature=inf must be above 0 and finite"),
     ],
 )
