@@ -185,6 +185,18 @@ def test_groups_of_environments_reuse_worlds_and_report_progress():
     assert 2 in finished
 
 
+def test_what_a_policy_draws_follows_from_the_episodes_seed():
+    """Whatever runs beside it or before it, and at any place in the batch."""
+    policy = make_policy(use_vae=True, z_inference="sample", n_action_steps=5)
+    together = roll_out(policy, short(), SEEDS)
+    other_way = roll_out(policy, short(), SEEDS[::-1], n_envs=2)[::-1]
+    for one, other in zip(other_way, together, strict=True):
+        np.testing.assert_allclose(one.commands, other.commands, atol=1e-5)
+    policy.policy.config.z_inference = "mode"
+    without = roll_out(policy, short(), SEEDS)
+    assert np.abs(without[0].commands - together[0].commands).max() > 1e-3
+
+
 @pytest.mark.parametrize(("seeds", "n_envs"), [((), 3), ((1000,), 0)])
 def test_nothing_to_run_is_refused(seeds, n_envs):
     with pytest.raises(ConfigurationError, match=f"got {len(seeds)} and n_envs={n_envs}"):
