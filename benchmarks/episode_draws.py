@@ -28,7 +28,7 @@ VARIANTS = {"act": ACT, "diffusion": DIFFUSION, "vqbet": VQBET, "fetch": FETCH}
 BEFORE = Path("benchmarks/results/shared_draws_published.json")
 
 
-def is_evaluated(cell: Cell, study: str) -> bool:
+def draws_anything(cell: Cell, study: str) -> bool:
     """Whether its policy draws anything."""
     kind = VARIANTS[study][cell.run["variant"]].policy["type"]
     sampled = kind == "act_chunked" and cell.run["sampling"].get("z_inference") == "sample"
@@ -49,7 +49,7 @@ def with_shared_draws(training: Training, asked: Run, episodes: int) -> Cell:
 def compare(path: Path, study: str, published: dict[str, str]) -> dict[str, Any] | None:
     """One row; None if the policy draws nothing. What was run with shared draws is kept beside ``path``."""
     cell = Cell(**json.loads(path.read_text()))
-    if not is_evaluated(cell, study):
+    if not draws_anything(cell, study):
         return None
     asked, kept = Run(**cell.run), path.with_suffix(".shared")
     if not kept.exists():

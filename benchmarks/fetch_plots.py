@@ -16,13 +16,11 @@ from fetch_variants import STUDIES, VARIANTS
 from matplotlib.figure import Figure
 from policy_study import HEADER, Cell, Run, row
 
-from lerobot_act_chunking.diagnostics.success import SuccessRate
-
 COLORS = {5: "tab:red", 10: "tab:orange", 20: "tab:blue", 40: "tab:green"}
 INTERVALS = (1, 2, 5, 10, 20)
 FIRST_UNTOUCHED = 1100
 """The expert and the recipe were developed in the episodes before this one."""
-POOLED_HEADER = ["task", "policy", "success over training seeds", f"from episode {FIRST_UNTOUCHED} on"]
+SEEDS_HEADER = ["task", "policy", "each training seed", f"from episode {FIRST_UNTOUCHED} on"]
 
 
 def read(results: Path, study: str) -> list[Cell]:
@@ -34,22 +32,22 @@ def chunk_size(cell: Cell) -> int:
     return VARIANTS[Run(**cell.run).variant].policy["chunk_size"]
 
 
-def pooled(cells: list[Cell]) -> list[list[str]]:
-    """Rows: success over all training seeds, in all episodes and in those that nothing was developed on."""
+def by_seed(cells: list[Cell]) -> list[list[str]]:
+    """Rows: successes for each training seed, in all episodes and in those that nothing was developed on."""
     groups: dict[tuple[str, str], list[Cell]] = {}
     for cell in cells:
         groups.setdefault((cell.run["task"], cell.run["variant"]), []).append(cell)
     return [
-        [*names, str(over_seeds(group, FIRST_SEED)), str(over_seeds(group, FIRST_UNTOUCHED))]
+        [*names, successes(group, FIRST_SEED), successes(group, FIRST_UNTOUCHED)]
         for names, group in groups.items()
     ]
 
 
-def over_seeds(cells: list[Cell], first: int) -> SuccessRate:
-    """Success in the episodes from seed ``first`` on."""
-    episodes = sum(cell.episodes - (first - FIRST_SEED) for cell in cells)
-    failures = sum(seed >= first for cell in cells for seed in cell.failed_seeds)
-    return SuccessRate(episodes - failures, episodes)
+def successes(cells: list[Cell], first: int) -> str:
+    """Of each training, in the episodes from seed ``first`` on."""
+    episodes = cells[0].episodes - (first - FIRST_SEED)
+    counts = [episodes - sum(seed >= first for seed in cell.failed_seeds) for cell in cells]
+    return f"{', '.join(map(str, counts))} of {episodes}"
 
 
 def draw_execution(cells: list[Cell], path: Path) -> None:
@@ -84,7 +82,7 @@ def main() -> None:
         print(f"\n### {study}\n")
         print(markdown(list(HEADER), [row(cell) for cell in cells]))
         if study != "execution":
-            print("\n" + markdown(POOLED_HEADER, pooled(cells)))
+            print("\n" + markdown(SEEDS_HEADER, by_seed(cells)))
         if study == "execution" and cells:
             draw_execution(cells, args.images / "fetch_execution.png")
 
