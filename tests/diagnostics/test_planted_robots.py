@@ -17,7 +17,7 @@ from lerobot_act_chunking.diagnostics.rollouts import Rollout
 from lerobot_act_chunking.diagnostics.smoothness.measuring import measure
 from lerobot_act_chunking.diagnostics.steps.positions import RawUnits
 
-ROBOTS = draws(gate=20, full=2000)
+ROBOTS = draws(gate=20, full=300)
 FPS = (10, 15, 20, 30, 50)
 KINDS = ("constant", "parked", "tremor", "quantised")
 

@@ -64,6 +64,12 @@ def numeric_columns(table: datasets.Dataset) -> dict[str, Column]:
     return {key: _column(pieces, join=join) for key, pieces in numeric.items()}
 
 
+def has_gaps(table: datasets.Dataset, key: str) -> bool:
+    """Whether some value of a column, or some number in one, is missing (null)."""
+    chunks = cast("pa.ChunkedArray", table.data.column(key)).chunks
+    return any(_flat(chunk).null_count > 0 for chunk in chunks)
+
+
 def _column(pieces: list[np.ndarray], *, join: bool) -> Column:
     if join and len(pieces) > 1:
         pieces = [np.concatenate(pieces)]
@@ -97,10 +103,18 @@ def _pieces(column: pa.ChunkedArray, shape: tuple[int, ...]) -> list[np.ndarray]
 
 def _numbers(chunk: pa.Array) -> pa.Array | None:
     """The flat values of a chunk, None for gaps and for other things than numbers."""
-    array = chunk.storage if isinstance(chunk, pa.ExtensionArray) else chunk
-    while pa.types.is_nested(array.type) and array.null_count == 0:
-        array = array.flatten()
+    array = _flat(chunk)
     kind = array.type
     number = pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_boolean(kind)
     # A uint64 may exceed torch's int64; LeRobot's error for that is LeRobot's to raise.
     return array if number and array.null_count == 0 and not pa.types.is_uint64(kind) else None
+
+
+def _flat(chunk: pa.Array) -> pa.Array:
+    """The innermost values of lists in lists, or the outermost lists among which one is missing."""
+    array = chunk.storage if isinstance(chunk, pa.ExtensionArray) else chunk
+    while (
+        isinstance(array, pa.ListArray | pa.LargeListArray | pa.FixedSizeListArray) and array.null_count == 0
+    ):
+        array = array.flatten()
+    return array

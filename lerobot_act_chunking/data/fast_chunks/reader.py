@@ -12,7 +12,7 @@ from lerobot.datasets.dataset_reader import DatasetReader
 from torch import Tensor
 
 from lerobot_act_chunking.data.fast_chunks.batch import GatheredBatch, Item
-from lerobot_act_chunking.data.fast_chunks.columns import Column, numeric_columns
+from lerobot_act_chunking.data.fast_chunks.columns import Column, has_gaps, numeric_columns
 from lerobot_act_chunking.data.fast_chunks.windows import EpisodeWindows
 
 
@@ -31,7 +31,8 @@ class ChunkReader:
     ``whole`` tells whether items need nothing but what is gathered.
 
     Raises:
-        ValueError: some ``delta_timestamps`` are empty, which is left to LeRobot.
+        ValueError: what LeRobot answers does not follow from the values asked for, and is left to it: some
+            ``delta_timestamps`` are empty, or a value is missing (null) in a column that is not left out.
     """
 
     def __init__(
@@ -60,6 +61,10 @@ class ChunkReader:
             raise ValueError("what an empty list of delta_timestamps gives is LeRobot's to say")
         self._offsets = {steps: np.asarray(steps, np.int64) for steps in self._steps.values()}
         slow = [key for key in self._keys if key not in self.columns]
+        if self._steps and (gaps := [key for key in slow if has_gaps(self._table, key)]):
+            raise ValueError(
+                f"whether a window with a missing value of {gaps} is an error is LeRobot's to say"
+            )
         self._slow_keys = [key for key in slow if key not in self._steps]
         self._slow_rows = self._table.select_columns(self._slow_keys)
         self._slow_chunks = {key: self._table.select_columns([key]) for key in slow if key in self._steps}

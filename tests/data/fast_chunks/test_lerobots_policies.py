@@ -17,6 +17,7 @@ import torch
 from lerobot.datasets import factory
 from lerobot.scripts.lerobot_train import train
 from lerobot_sets import REPO_ID, camera, record
+from tiers import full_tier
 
 from lerobot_act_chunking.data import fast_chunks
 from lerobot_act_chunking.data.fast_chunks.dataset import FastChunkDataset
@@ -24,7 +25,16 @@ from lerobot_act_chunking.data.fast_chunks.dataset import FastChunkDataset
 POLICIES = {
     "act": "chunk_size=3 n_action_steps=3 dim_model=16 n_heads=2 dim_feedforward=16 n_encoder_layers=1 "
     "n_vae_encoder_layers=1 pretrained_backbone_weights=null",
+    "diffusion": "horizon=8 n_action_steps=4 down_dims=[16,32] kernel_size=3 n_groups=4 "
+    "num_train_timesteps=4 diffusion_step_embed_dim=8 spatial_softmax_num_keypoints=4 "
+    "noise_scheduler_type=DDIM crop_shape=[84,84]",
+    "vqbet": "n_obs_steps=2 action_chunk_size=3 n_vqvae_training_steps=1 vqvae_n_embed=4 "
+    "vqvae_embedding_dim=8 vqvae_enc_hidden_dim=8 gpt_input_dim=16 gpt_output_dim=16 gpt_hidden_dim=16 "
+    "gpt_n_layer=1 gpt_n_head=2 pretrained_backbone_weights=null use_group_norm=true "
+    "spatial_softmax_num_keypoints=4 crop_shape=[84,84]",
 }
+NEEDS = {"vqbet": {"observation.images.top": camera("image", 96, 112)}}
+IN_THE_GATE = "act"
 
 
 def vector(dtype: str, *shape: int) -> dict[str, Any]:
@@ -109,10 +119,12 @@ def clean(monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # LeRobot's own, of what it trains on here
-@pytest.mark.parametrize("policy", POLICIES)
+@pytest.mark.parametrize(
+    "policy", [pytest.param(name, marks=() if name == IN_THE_GATE else full_tier) for name in POLICIES]
+)
 @pytest.mark.parametrize(("extra", "damage"), CASES, ids=lambda name: name.replace(" ", "_"))
 def test_lerobots_policies_end_as_without_us(tmp_path, clean, policy, extra, damage):
-    features = {**SOUND, **EXTRA[extra], "action": vector("float32", 4)}
+    features = {**SOUND, **NEEDS.get(policy, {}), **EXTRA[extra], "action": vector("float32", 4)}
     root = record(tmp_path / "set", features, (9, 12), use_videos=False)
     DAMAGE[damage](root)
     fast_chunks.uninstall()

@@ -17,10 +17,6 @@ from lerobot_act_chunking.data.fast_chunks.dataset import FastChunkDataset
 
 N_DATASETS = draws(gate=3, full=100)
 N_OPENINGS = 8  # of each dataset, of about 15 frames: 10 000 items in all in the full tier
-# Found by the full tier, with offsets of float16 and uint8 columns; see the reason.
-GIVES_AN_ITEM = pytest.mark.xfail(strict=True, reason="gives an item where LeRobot raises RuntimeError")
-OPEN = dict.fromkeys((41, 60, 93), GIVES_AN_ITEM)
-SEEDS = [pytest.param(seed, marks=OPEN.get(seed, ())) for seed in range(N_DATASETS)]
 DTYPES = ("float32", "float64", "float16", "int64", "int32", "uint8", "bool", "string")
 SHAPES = ((1,), (3,), (6,), (2, 5), (1, 4), (2, 3, 4))
 KEYS = (
@@ -127,7 +123,7 @@ KINDS = (FastChunkDataset, LeRobotDataset)
 
 # LeRobot's statistics of values that are not finite.
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", range(N_DATASETS))
 def test_items_are_lerobots_or_its_errors(tmp_path, seed):
     rng = np.random.default_rng(seed)
     features = drawn_features(rng)
