@@ -201,8 +201,8 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
         return ObservationWindow(self.config.n_obs_steps, self.config.timing.obs_stride)
 
     def init_rtc_processor(self) -> None:
-        """Notice when chunks come too late; LeRobot calls this before its real-time engine starts."""
-        late_chunks.install()
+        """Notice when chunks come too late or fail; LeRobot calls this before its real-time engine starts."""
+        late_chunks.install(self)
 
     def update(self) -> None:
         """Follow the weights with their average; LeRobot calls this after every optimiser step."""

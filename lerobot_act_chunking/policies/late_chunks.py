@@ -1,4 +1,4 @@
-"""The end of a rollout in which every chunk comes too late."""
+"""The end of a rollout in real time in which every chunk comes too late, or cannot be computed."""
 
 import functools
 import logging
@@ -7,13 +7,15 @@ import weakref
 from collections.abc import Callable
 from typing import Any
 
-from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.errors import ActChunkingError, ConfigurationError
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields
 
 ENGINE = "lerobot.rollout.inference.rtc"
 PATIENCE = 3  # chunks: the first may be late because everything is slow once
 
 logger = logging.getLogger(__name__)
+failures: weakref.WeakKeyDictionary[Any, list[ActChunkingError]] = weakref.WeakKeyDictionary()
+"""Errors of this package while a policy predicted in the engine's thread, by policy."""
 
 
 class LateChunks:
@@ -48,13 +50,20 @@ class LateChunks:
             )
 
 
-def install() -> None:
-    """Let LeRobot's real-time engine end with a reason where a policy of this package is too slow for it.
+def install(policy: Any = None) -> None:
+    """Let LeRobot's real-time engine end with a reason where a policy of this package cannot act in it.
 
-    The engine drops what comes too late and asks again: the robot stands still and nothing is said. Here the
-    thread of the control loop raises, so that the robot is let go in order and the command fails. Harmless
-    when repeated; nothing happens before LeRobot's engine is imported, or if it is another than 0.6.1's.
+    The engine drops what comes too late and asks again: the robot stands still and nothing is said. It logs
+    an error of the policy ten times, and the command ends as if all were well. Here the thread of the
+    control loop raises, so that the robot is let go in order and the command fails. Harmless when repeated;
+    nothing happens before LeRobot's engine is imported, or if it is another than 0.6.1's.
+
+    Args:
+        policy: the one that will act, if it is there already.
     """
+    if policy is not None and policy not in failures:
+        failures[policy] = []
+        policy.predict_action_chunk = _noting(policy.predict_action_chunk, failures[policy])
     module = sys.modules.get(ENGINE)
     if module is None or hasattr(module.RTCInferenceEngine.get_action, "__wrapped__"):
         return
@@ -69,9 +78,25 @@ def _watched(get_action: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(get_action)
     def watched(engine: Any, obs_frame: dict[str, Any] | None) -> Any:
+        if not isinstance(engine._policy.config, ExecutionFields):
+            return get_action(engine, obs_frame)
+        if noted := failures.get(engine._policy):
+            raise noted[0]
         action, queue = get_action(engine, obs_frame), engine.action_queue
-        if queue is not None and isinstance(engine._policy.config, ExecutionFields):
+        if queue is not None:
             watches.setdefault(engine, LateChunks(engine._fps)).see(queue)
         return action
 
     return watched
+
+
+def _noting(predict: Callable[..., Any], noted: list[ActChunkingError]) -> Callable[..., Any]:
+    @functools.wraps(predict)
+    def predicting(*args: Any, **arguments: Any) -> Any:
+        try:
+            return predict(*args, **arguments)
+        except ActChunkingError as error:
+            noted.append(error)
+            raise
+
+    return predicting

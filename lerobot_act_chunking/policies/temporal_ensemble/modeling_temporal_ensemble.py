@@ -169,7 +169,7 @@ class TemporalEnsemblePolicy(WithModelCard, PreTrainedPolicy):
 
     def init_rtc_processor(self) -> None:
         """Hand the settings of real-time chunking, which LeRobot left in our configuration, to the inner."""
-        late_chunks.install()
+        late_chunks.install(self)
         vars(self.inner.config)["rtc_config"] = getattr(self.config, "rtc_config", None)
         initialise = getattr(self.inner, "init_rtc_processor", None)
         if initialise is not None:

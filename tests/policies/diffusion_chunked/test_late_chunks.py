@@ -18,7 +18,7 @@ from lerobot.rollout.strategies.base import BaseStrategy
 from lerobot.utils.feature_utils import hw_to_dataset_features
 from policy_cases import DIFFUSION
 
-from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.errors import ConfigurationError, FeatureError
 from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked import (
     DiffusionChunkedConfig,
 )
@@ -124,6 +124,18 @@ def test_a_slow_start_is_forgiven():
     policy, robot = make_policy(slow_chunks=2), Robot(3.0)
     roll_out(policy, robot, duration=1.0)
     assert len(robot.actions) > 10
+
+
+def test_an_error_of_ours_in_the_engines_thread_ends_the_rollout_with_it():
+    policy, robot = make_policy(slow_chunks=0), Robot(3.0)
+
+    def predict(batch, inference_delay=None, prev_chunk_left_over=None):
+        raise FeatureError("observation.state has 5 values, not 6")
+
+    policy.predict_action_chunk = predict
+    with pytest.raises(FeatureError, match="5 values"):
+        roll_out(policy, robot, duration=60.0)
+    assert not robot.is_connected
 
 
 def test_other_policies_are_left_to_lerobot():
