@@ -29,7 +29,7 @@ from vqbet_pixels import (
     show,
 )
 
-from lerobot_act_chunking.cli.quickstart import Story
+from lerobot_act_chunking.cli.quickstart import QuickstartPlan
 
 GRASP = 92  # step at which the arm is down at the cube
 WAIST = 7  # joint of the arm that grasps: it turns to where the cube lies
@@ -62,7 +62,7 @@ VARIANTS = {
 """With about the same minutes each."""
 
 
-def left_to_the_camera(story: Story) -> dict[int, float]:
+def left_to_the_camera(plan: QuickstartPlan) -> dict[int, float]:
     """Share of the variance of the waist's command at the grasp that the joints do not tell, per step.
 
     By ridge regression on four of five episodes, measured on the fifth. Where it is small, no policy needs to
@@ -70,7 +70,7 @@ def left_to_the_camera(story: Story) -> dict[int, float]:
     """
     import pandas as pd
 
-    table = pd.concat(map(pd.read_parquet, sorted(story.dataset.glob("data/*/*.parquet"))))
+    table = pd.concat(map(pd.read_parquet, sorted(plan.dataset.glob("data/*/*.parquet"))))
     episodes = [rows for _, rows in table.groupby("episode_index")]
     goal = np.array([rows["action"].iloc[GRASP][WAIST] for rows in episodes])
     held = np.arange(len(episodes)) % 5 == 0
@@ -133,12 +133,12 @@ def main() -> None:
     parser.add_argument("--picture", type=Path, default=Path("docs/images/act_pixels.png"))
     args = parser.parse_args()
     console = Console(width=160)
-    story = record(args.recording, console)
-    left = left_to_the_camera(story)
+    plan = record(args.recording, console)
+    left = left_to_the_camera(plan)
     console.print("left to the camera, at step:", {step: round(share, 3) for step, share in left.items()})
     cells = []
     for name in args.policies:
-        training = Training(args.folder / name.replace(" ", "_"), VARIANTS[name], 0, story)
+        training = Training(args.folder / name.replace(" ", "_"), VARIANTS[name], 0, plan)
         training.train(console)
         cells.append(evaluate(name, training, args.episodes))
         if name == "act_chunked":

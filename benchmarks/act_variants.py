@@ -72,7 +72,9 @@ HISTORY = {
 }
 
 PRESETS = {
-    "lecture": Variant({"type": "act_chunked", "preset": "lecture", **ON_CPU, **SIZE}, STEPS // 2, BATCH),
+    "autoregressive": Variant(
+        {"type": "act_chunked", "preset": "autoregressive", **ON_CPU, **SIZE}, STEPS // 2, BATCH
+    ),
     "paper": Variant(
         {"type": "act_chunked", "preset": "paper", **ON_CPU, **SIZE, "dim_feedforward": 512}, 700, BATCH
     ),

@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from lerobot_act_chunking.cli.quickstart import LOCAL_HUB, Story, run
+from lerobot_act_chunking.cli.quickstart import LOCAL_HUB, QuickstartPlan, run
 from lerobot_act_chunking.diagnostics.success import SuccessRate
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES, TASKS
 
@@ -108,13 +108,13 @@ def label(execution: Execution) -> str:
     return " ".join(details.values())
 
 
-def prepare(story: Story, console: Console) -> None:
+def prepare(plan: QuickstartPlan, console: Console) -> None:
     """Record and train as the quickstart does, unless that was done before."""
-    os.environ[LOCAL_HUB] = str(story.hub)
-    if not story.recorded():
-        run(story.record_command(), console)
-    if not (story.train / "checkpoints" / f"{story.steps:06d}").exists():
-        run(story.train_command(), console)
+    os.environ[LOCAL_HUB] = str(plan.hub)
+    if not plan.recorded():
+        run(plan.record_command(), console)
+    if not (plan.train / "checkpoints" / f"{plan.steps:06d}").exists():
+        run(plan.train_command(), console)
 
 
 def configure(policy: Any, execution: Execution) -> None:
@@ -191,25 +191,25 @@ class Results:
         part.replace(self.path)
 
 
-def study(story: Story, episodes: int, console: Console) -> list[Cell]:
+def study(plan: QuickstartPlan, episodes: int, console: Console) -> list[Cell]:
     """All cells of one task."""
     from lerobot_act_chunking.policies.loading import load_policy
 
-    results = Results(story.folder / f"cells_{episodes}.json")
+    results = Results(plan.folder / f"cells_{episodes}.json")
     cells = []
     for checkpoint, push_m in CONDITIONS:
         loaded = None
         for execution in executions(checkpoint):
-            key = cell_key(story.task, checkpoint, push_m, execution)
+            key = cell_key(plan.task, checkpoint, push_m, execution)
             if key not in results.cells:
-                path = story.train / "checkpoints" / checkpoint / "pretrained_model"
+                path = plan.train / "checkpoints" / checkpoint / "pretrained_model"
                 loaded = loaded or load_policy(path)
                 started = time.monotonic()
                 with Progress(console=console, transient=True) as bar:
                     bar_id = bar.add_task(key, total=episodes)
                     results.add(
                         evaluate(
-                            *(loaded, story.task, checkpoint, push_m, execution),
+                            *(loaded, plan.task, checkpoint, push_m, execution),
                             episodes=episodes,
                             progress=lambda n, bar=bar, bar_id=bar_id: bar.update(bar_id, completed=n),
                         )
@@ -289,9 +289,9 @@ def main() -> None:
     console = Console(width=160)
     cells = []
     for task in args.tasks:
-        story = Story(args.folder / task, task)
-        prepare(story, console)
-        cells += study(story, args.episodes, console)
+        plan = QuickstartPlan(args.folder / task, task)
+        prepare(plan, console)
+        cells += study(plan, args.episodes, console)
     show(cells, console)
     args.out.parent.mkdir(parents=True, exist_ok=True)
     args.out.write_text(json.dumps([asdict(cell) for cell in cells]) + "\n")

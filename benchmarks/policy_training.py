@@ -14,7 +14,7 @@ from typing import Any
 
 from rich.console import Console
 
-from lerobot_act_chunking.cli.quickstart import Story, run
+from lerobot_act_chunking.cli.quickstart import QuickstartPlan, run
 from lerobot_act_chunking.compat import trackers_off
 from lerobot_act_chunking.envs.robotics.tasks import TASKS as ROBOTICS_TASKS
 
@@ -90,7 +90,7 @@ class Training:
     folder: Path
     variant: Variant
     seed: int
-    recording: Recording | Story
+    recording: Recording | QuickstartPlan
 
     @property
     def checkpoints(self) -> Path:

@@ -21,7 +21,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from lerobot_act_chunking.cli.quickstart import LOCAL_HUB, Story, run
+from lerobot_act_chunking.cli.quickstart import LOCAL_HUB, QuickstartPlan, run
 from lerobot_act_chunking.diagnostics.success import read_success_rate
 
 BASELINE_POLICY = {
@@ -60,29 +60,29 @@ def timed(command: list[str], console: Console) -> float:
     return (time.monotonic() - started) / 60
 
 
-def evaluate(story: Story, policy: str, steps: int, minutes: float, console: Console) -> Row:
-    if not story.evaluated():
-        run(story.eval_command(str(story.checkpoint)), console)
-    rate = read_success_rate(story.evaluation / "eval_info.json")
-    return Row(policy, story.task, story.seed, steps, minutes, rate.successes, rate.episodes, rate.interval)
+def evaluate(plan: QuickstartPlan, policy: str, steps: int, minutes: float, console: Console) -> Row:
+    if not plan.evaluated():
+        run(plan.eval_command(str(plan.checkpoint)), console)
+    rate = read_success_rate(plan.evaluation / "eval_info.json")
+    return Row(policy, plan.task, plan.seed, steps, minutes, rate.successes, rate.episodes, rate.interval)
 
 
-def train_ours(story: Story, console: Console) -> Row:
-    os.environ[LOCAL_HUB] = str(story.hub)
-    minutes = timed(story.train_command(), console)
-    return evaluate(story, "act_chunked", story.steps, minutes, console)
+def train_ours(plan: QuickstartPlan, console: Console) -> Row:
+    os.environ[LOCAL_HUB] = str(plan.hub)
+    minutes = timed(plan.train_command(), console)
+    return evaluate(plan, "act_chunked", plan.steps, minutes, console)
 
 
-def train_baseline(story: Story, minutes: float, console: Console) -> Row:
+def train_baseline(plan: QuickstartPlan, minutes: float, console: Console) -> Row:
     command = [
         str(Path(sys.executable).parent / "lerobot-train"),
         *(f"--policy.{name}={value}" for name, value in BASELINE_POLICY.items()),
         *(
-            f"--dataset.repo_id={story.repo_id}",
-            f"--dataset.root={story.dataset}",
-            f"--output_dir={story.train}",
+            f"--dataset.repo_id={plan.repo_id}",
+            f"--dataset.root={plan.dataset}",
+            f"--output_dir={plan.train}",
         ),
-        *(f"--seed={story.seed}", "--steps=100000", "--save_freq=50", "--log_freq=50", "--batch_size=64"),
+        *(f"--seed={plan.seed}", "--steps=100000", "--save_freq=50", "--log_freq=50", "--batch_size=64"),
         *("--num_workers=0", "--env_eval_freq=0"),
     ]
     process = subprocess.Popen(command, env={**os.environ, "ACT_CHUNKING_FAST_CHUNKS": "0"})
@@ -91,8 +91,8 @@ def train_baseline(story: Story, minutes: float, console: Console) -> Row:
     except subprocess.TimeoutExpired:
         process.send_signal(signal.SIGINT)
         process.wait()
-    steps = int((story.train / "checkpoints" / "last").resolve().name)
-    return evaluate(story, "LeRobot act", steps, minutes, console)
+    steps = int((plan.train / "checkpoints" / "last").resolve().name)
+    return evaluate(plan, "LeRobot act", steps, minutes, console)
 
 
 def show(rows: list[Row], console: Console) -> None:
@@ -113,26 +113,24 @@ def main() -> None:
     )
     parser.add_argument("--task", default="transfer_cube")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
-    parser.add_argument("--steps", type=int, default=Story.steps)
+    parser.add_argument("--steps", type=int, default=QuickstartPlan.steps)
     parser.add_argument("--baseline", action="store_true", help="train LeRobot's act for as long, too")
     parser.add_argument("--folder", type=Path, default=Path("outputs/benchmarks/quickstart"))
     parser.add_argument("--out", type=Path, default=Path("benchmarks/results/quickstart.json"))
     args = parser.parse_args()
     console = Console()
 
-    recording = Story(args.folder / args.task, args.task)
+    recording = QuickstartPlan(args.folder / args.task, args.task)
     if not recording.recorded():
         run(recording.record_command(), console)
     rows = []
     for seed in args.seeds:
-        story = SharedDataset(
-            args.folder / args.task / f"seed_{seed}", args.task, steps=args.steps, seed=seed
-        )
-        rows.append(train_ours(story, console))
+        plan = SharedDataset(args.folder / args.task / f"seed_{seed}", args.task, steps=args.steps, seed=seed)
+        rows.append(train_ours(plan, console))
         show(rows, console)
     if args.baseline:
-        story = SharedDataset(args.folder / args.task / "lerobot_act", args.task, seed=args.seeds[0])
-        rows.append(train_baseline(story, max(row.train_minutes for row in rows), console))
+        plan = SharedDataset(args.folder / args.task / "lerobot_act", args.task, seed=args.seeds[0])
+        rows.append(train_baseline(plan, max(row.train_minutes for row in rows), console))
         show(rows, console)
     machine = {"cpu_count": os.cpu_count(), "processor": platform.processor() or platform.machine()}
     args.out.parent.mkdir(parents=True, exist_ok=True)
@@ -141,8 +139,8 @@ def main() -> None:
     )
 
 
-class SharedDataset(Story):
-    """A story in a folder beside the others, on the recording they share and with a hub of its own."""
+class SharedDataset(QuickstartPlan):
+    """A plan in a folder beside the others, on the recording they share and with a hub of its own."""
 
     @property
     def dataset(self) -> Path:

@@ -27,7 +27,7 @@ from execution_study import CHECKPOINTS, FIRST_SEED, configure, prepare
 from rich.console import Console
 from rich.table import Table
 
-from lerobot_act_chunking.cli.quickstart import Story
+from lerobot_act_chunking.cli.quickstart import QuickstartPlan
 from lerobot_act_chunking.diagnostics.success import SuccessRate
 from lerobot_act_chunking.envs.aloha.tasks import TASKS
 
@@ -41,7 +41,7 @@ NEIGHBOURS = 50
 
 
 @dataclass(frozen=True)
-class PausedStory(Story):
+class PausedPlan(QuickstartPlan):
     """The quickstart, with a demonstrator that pauses."""
 
     dwell: float = 0.0
@@ -113,11 +113,11 @@ def looking_ahead(policy: Any, steps: int) -> Iterator[None]:
         del policy._predict
 
 
-def demonstrations(story: Story) -> dict[str, np.ndarray]:
+def demonstrations(plan: QuickstartPlan) -> dict[str, np.ndarray]:
     """All demonstrated frames: standardised observations, actions, steps and episodes."""
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
-    dataset = LeRobotDataset(story.repo_id, root=story.dataset)
+    dataset = LeRobotDataset(plan.repo_id, root=plan.dataset)
     columns = ("observation.state", "observation.environment_state", "action", "frame_index", "episode_index")
     table = dataset.hf_dataset.select_columns(list(columns)).with_format("numpy")[:]
     observed = np.concatenate([table[columns[0]], table[columns[1]]], axis=1)
@@ -158,12 +158,12 @@ def look_at(stalled: list[Any], states: dict[int, np.ndarray], demos: dict[str, 
     )
 
 
-def demonstrator(story: Story, steps: int = 180) -> dict[str, list]:
+def demonstrator(plan: QuickstartPlan, steps: int = 180) -> dict[str, list]:
     """How the demonstrator moves: medians over the episodes, at each of the first steps.
 
     ``speed`` [rad per step] is that of the arms' targets, ``grippers`` their targets (0 is closed).
     """
-    demos = demonstrations(story)
+    demos = demonstrations(plan)
     episodes = [demos["action"][demos["episode"] == episode] for episode in np.unique(demos["episode"])]
     actions = np.median([episode[: steps + 1] for episode in episodes], axis=0)
     return {
@@ -184,10 +184,10 @@ class Trials:
             trial = Trial(**{**each, "stall": stall})
             self.done[trial.key] = trial
 
-    def story(self, task: str, pause: float) -> Story:
+    def plan(self, task: str, pause: float) -> QuickstartPlan:
         if not pause:
-            return Story(self.folder / task, task)
-        return PausedStory(self.folder / f"{task}_pause_{pause:g}", task, dwell=pause)
+            return QuickstartPlan(self.folder / task, task)
+        return PausedPlan(self.folder / f"{task}_pause_{pause:g}", task, dwell=pause)
 
     def get(self, task: str, pause: float, steps: int, interval: int, lookahead: int = 0) -> Trial:
         key = trial_key(task, pause, steps, interval, lookahead)
@@ -204,9 +204,9 @@ class Trials:
         from lerobot_act_chunking.diagnostics.rollouts import roll_out
         from lerobot_act_chunking.policies.loading import load_policy
 
-        story = self.story(task, pause)
-        prepare(story, self.console)
-        loaded = load_policy(story.train / "checkpoints" / f"{steps:06d}" / "pretrained_model")
+        plan = self.plan(task, pause)
+        prepare(plan, self.console)
+        loaded = load_policy(plan.train / "checkpoints" / f"{steps:06d}" / "pretrained_model")
         execution = {"execution": "receding", "replan_interval": interval, "n_action_steps": 90}
         configure(loaded.policy, execution)
         states: dict[int, np.ndarray] = {}
@@ -229,7 +229,7 @@ class Trials:
             episodes=self.episodes,
             failed_seeds=[rollout.seed for rollout in rollouts if not rollout.success],
             stalled=len(stalled),
-            stall=look_at(stalled, states, demonstrations(story)) if looks else None,
+            stall=look_at(stalled, states, demonstrations(plan)) if looks else None,
         )
 
 
@@ -275,7 +275,7 @@ def main() -> None:
     args.out.parent.mkdir(parents=True, exist_ok=True)
     document = {
         "trials": [asdict(trial) for trial in trials.done.values()],
-        "demonstrators": {task: demonstrator(trials.story(task, 0.0)) for task in TASKS},
+        "demonstrators": {task: demonstrator(trials.plan(task, 0.0)) for task in TASKS},
     }
     args.out.write_text(json.dumps(document) + "\n")
 

@@ -1,4 +1,4 @@
-"""Time per control step, chunk and lesson of `vqbet_chunked`, beside LeRobot's ``vqbet`` and diffusion.
+"""Time per control step, chunk and training step of `vqbet_chunked`, beside LeRobot's ``vqbet`` and diffusion.
 
 Both policies of a case get the same observations and take turns, so that whatever else the machine does hits
 both alike. Printed are medians and the median of the paired ratios (below 1: ours is faster). Against
@@ -158,7 +158,7 @@ def window(pair: Pair, repeats: int, device: str) -> Result:
     return pair.result("window", 1, compare(other, ours, repeats))
 
 
-def lesson(pair: Pair, repeats: int, device: str) -> Result:
+def time_training_step(pair: Pair, repeats: int, device: str) -> Result:
     """A training step behind the tokenizer's phase."""
     config = pair.ours.config
     batch = observations(STATE | CAMERA, TRAINING_BATCH, config.n_obs_steps, device=device)
@@ -206,7 +206,7 @@ def main() -> None:
     lerobot = beside_lerobot(device)
     show(*control_steps(lerobot, 2 * repeats, device))
     show(window(lerobot, 2 * repeats, device))
-    show(lesson(lerobot, repeats, device))
+    show(time_training_step(lerobot, repeats, device))
     for denoiser in ("mixer", "dit"):
         diffusion = beside_diffusion(denoiser, 128, device)
         for batch_size in (1, MANY):

@@ -25,7 +25,7 @@ from policy_training import Training, Variant
 from rich.console import Console
 from rich.table import Table
 
-from lerobot_act_chunking.cli.quickstart import Story, run
+from lerobot_act_chunking.cli.quickstart import QuickstartPlan, run
 from lerobot_act_chunking.diagnostics.success import SuccessRate
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
 from lerobot_act_chunking.envs.configuration_envs import AlohaSimEnvConfig
@@ -141,24 +141,24 @@ class Cell:
         return SuccessRate(Counter(self.stages.values())[len(STAGES) - 1], len(self.stages))
 
 
-def record(folder: Path, console: Console) -> Story:
+def record(folder: Path, console: Console) -> QuickstartPlan:
     """The demonstrations, with their frames as single images."""
-    story, video = Story(folder, TASK), folder / "video"
-    if not story.recorded():
+    plan, video = QuickstartPlan(folder, TASK), folder / "video"
+    if not plan.recorded():
         command = ["act-chunking", "record", "--task", TASK, "--episodes", "50", "--obs", "pixels_state"]
         command += ["--cameras", CAMERA, "--image-height", str(HEIGHT), "--image-width", str(WIDTH)]
-        run([*command, "--render-quality", "fast", "--repo-id", story.repo_id, "--root", str(video)], console)
-        keep_as_images(video, story)
-    return story
+        run([*command, "--render-quality", "fast", "--repo-id", plan.repo_id, "--root", str(video)], console)
+        keep_as_images(video, plan)
+    return plan
 
 
-def keep_as_images(video: Path, story: Story) -> None:
+def keep_as_images(video: Path, plan: QuickstartPlan) -> None:
     """A copy of a recording with one image per frame: a frame of a video costs decoding its neighbours."""
     import shutil
 
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
-    recorded = LeRobotDataset(story.repo_id, root=video, video_backend="pyav")
+    recorded = LeRobotDataset(plan.repo_id, root=video, video_backend="pyav")
     image = f"observation.images.{CAMERA}"
     features = {key: recorded.features[key] for key in ("observation.state", "action")}
     features[image] = {
@@ -166,9 +166,9 @@ def keep_as_images(video: Path, story: Story) -> None:
         "shape": (HEIGHT, WIDTH, 3),
         "names": ["height", "width", "channels"],
     }
-    part = story.dataset.with_suffix(".part")
+    part = plan.dataset.with_suffix(".part")
     shutil.rmtree(part, ignore_errors=True)
-    copy = LeRobotDataset.create(story.repo_id, recorded.fps, features, root=part, use_videos=False)
+    copy = LeRobotDataset.create(plan.repo_id, recorded.fps, features, root=part, use_videos=False)
     table = recorded.hf_dataset.select_columns(["observation.state", "action", "episode_index"])
     rows: list[Any] = list(table.with_format("numpy"))
     following = [*(row["episode_index"] for row in rows[1:]), None]
@@ -179,7 +179,7 @@ def keep_as_images(video: Path, story: Story) -> None:
         if after != row["episode_index"]:
             copy.save_episode()
     copy.finalize()
-    part.rename(story.dataset)
+    part.rename(plan.dataset)
 
 
 def frames(dataset: Path) -> Iterator[Any]:

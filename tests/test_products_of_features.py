@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from lerobot_act_chunking.cli.quickstart import Story
+from lerobot_act_chunking.cli.quickstart import QuickstartPlan
 from lerobot_act_chunking.data.masking import hold_padding
 from lerobot_act_chunking.diagnostics.latent.encoding import Encoded
 from lerobot_act_chunking.diagnostics.latent.measures import share_outside
@@ -147,7 +147,7 @@ def test_the_spread_of_few_samples_is_unbiased():
 
 def test_trained_means_pushed(tmp_path, monkeypatch):
     monkeypatch.setenv("LEROBOT_LOCAL_HUB", str(tmp_path / "hub"))
-    story = Story(tmp_path, steps=3)
+    story = QuickstartPlan(tmp_path, steps=3)
     (story.train / "checkpoints" / "000003").mkdir(parents=True)
     assert not story.trained()
     main = story.hub / f"models--{story.policy_repo_id.replace('/', '--')}" / "refs" / "main"

@@ -1,6 +1,6 @@
-"""``act-chunking quickstart``: the whole story with the real commands, each printed so that it can be copied.
+"""``act-chunking quickstart``: the whole plan with the real commands, each printed so that it can be copied.
 
-Every stage leaves a result on disk and is skipped when that result is there, so the story can be stopped at
+Every stage leaves a result on disk and is skipped when that result is there, so the plan can be stopped at
 any moment and run again.
 """
 
@@ -42,11 +42,11 @@ POLICY = {
 
 
 class StageFailedError(ActChunkingError):
-    """A command of the story ended with an error."""
+    """A command of the plan ended with an error."""
 
 
 @dataclass(frozen=True)
-class Story:
+class QuickstartPlan:
     """What the quickstart does: where, with how much data and how long."""
 
     folder: Path
@@ -194,7 +194,7 @@ def quickstart_command(
     output_dir: Annotated[Path, typer.Option(help="Where everything goes.")] = Path("outputs/quickstart"),
     task: Annotated[str, typer.Option(help="transfer_cube or insertion.")] = "transfer_cube",
     episodes: Annotated[int, typer.Option(min=1, help="Demonstrations to record.")] = 50,
-    steps: Annotated[int, typer.Option(min=1, help="Training steps.")] = Story.steps,
+    steps: Annotated[int, typer.Option(min=1, help="Training steps.")] = QuickstartPlan.steps,
     eval_episodes: Annotated[int, typer.Option(min=1, help="Episodes to evaluate.")] = 200,
     seed: Annotated[int, typer.Option(help="Training seed.")] = 0,
 ) -> None:
@@ -202,45 +202,45 @@ def quickstart_command(
 
     Stop it whenever you like: the same command goes on where it was.
     """
-    story = Story(output_dir, task, episodes, steps, eval_episodes, seed)
-    claim_folder(story)
+    plan = QuickstartPlan(output_dir, task, episodes, steps, eval_episodes, seed)
+    claim_folder(plan)
     console = Console()
     started = time.monotonic()
     stages: list[tuple[str, Callable[[], bool], Callable[[], list[str]]]] = [
-        ("1/4 record demonstrations", story.recorded, story.record_command),
-        ("2/4 train", story.trained, lambda: train_afresh_or_on(story)),
-        ("3/4 evaluate on unseen poses", story.evaluated, story.eval_command),
-        ("4/4 draw one episode", story.drawn, story.motion_command),
+        ("1/4 record demonstrations", plan.recorded, plan.record_command),
+        ("2/4 train", plan.trained, lambda: train_afresh_or_on(plan)),
+        ("3/4 evaluate on unseen poses", plan.evaluated, plan.eval_command),
+        ("4/4 draw one episode", plan.drawn, plan.motion_command),
     ]
-    os.environ[LOCAL_HUB] = str(story.hub)
-    console.print(f"$ export {LOCAL_HUB}={story.hub}", highlight=False, soft_wrap=True, style="bold")
+    os.environ[LOCAL_HUB] = str(plan.hub)
+    console.print(f"$ export {LOCAL_HUB}={plan.hub}", highlight=False, soft_wrap=True, style="bold")
     for title, done, command in stages:
         console.print(Rule(title))
         if done():
             console.print("already done")
         else:
             run(command(), console)
-    _conclude(story, console, time.monotonic() - started)
+    _conclude(plan, console, time.monotonic() - started)
 
 
-def claim_folder(story: Story) -> None:
-    """Note in the folder which story it holds, so that results of another one never pass for this one's.
+def claim_folder(plan: QuickstartPlan) -> None:
+    """Note in the folder which plan it holds, so that results of another one never pass for this one's.
 
     Raises:
-        ConfigurationError: the folder holds a story with other settings.
+        ConfigurationError: the folder holds a plan with other settings.
     """
-    settings = {name: value for name, value in asdict(story).items() if name != "folder"}
-    note = story.folder / "quickstart.json"
+    settings = {name: value for name, value in asdict(plan).items() if name != "folder"}
+    note = plan.folder / "quickstart.json"
     if note.exists():
         held = json.loads(note.read_text())
         differing = [f"{name}={held.get(name)}" for name in settings if held.get(name) != settings[name]]
         if differing:
             raise ConfigurationError(
-                f"{story.folder} holds a quickstart with {', '.join(differing)}; "
+                f"{plan.folder} holds a quickstart with {', '.join(differing)}; "
                 "repeat those settings to go on with it, or give another --output-dir"
             )
         return
-    story.folder.mkdir(parents=True, exist_ok=True)
+    plan.folder.mkdir(parents=True, exist_ok=True)
     unfinished = note.with_suffix(".tmp")
     unfinished.write_text(json.dumps(settings, indent=2) + "\n")
     unfinished.replace(note)
@@ -262,22 +262,22 @@ def run(command: list[str], console: Console) -> None:
         raise StageFailedError(f"{command[0]} ended with status {status}; its output above says why")
 
 
-def train_afresh_or_on(story: Story) -> list[str]:
+def train_afresh_or_on(plan: QuickstartPlan) -> list[str]:
     """The training command; a folder without a checkpoint, which lerobot-train would refuse, is removed."""
-    if story.train.exists() and not story.checkpoint.exists():
-        shutil.rmtree(story.train)
-    return story.train_command()
+    if plan.train.exists() and not plan.checkpoint.exists():
+        shutil.rmtree(plan.train)
+    return plan.train_command()
 
 
-def _conclude(story: Story, console: Console, seconds: float) -> None:
+def _conclude(plan: QuickstartPlan, console: Console, seconds: float) -> None:
     from lerobot_act_chunking.diagnostics.success import read_success_rate
 
     console.print(Rule("result"))
-    console.print(f"success: {read_success_rate(story.evaluation / 'eval_info.json')}")
-    videos = sorted(story.evaluation.rglob("*.mp4"))
+    console.print(f"success: {read_success_rate(plan.evaluation / 'eval_info.json')}")
+    videos = sorted(plan.evaluation.rglob("*.mp4"))
     for label, path in [
-        ("policy", story.checkpoint),
-        ("picture", story.picture),
+        ("policy", plan.checkpoint),
+        ("picture", plan.picture),
         *(("video", v) for v in videos[:1]),
     ]:
         console.print(f"{label}: {path}", soft_wrap=True)

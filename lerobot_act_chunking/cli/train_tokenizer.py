@@ -54,10 +54,10 @@ def train_tokenizer_command(
 ) -> None:
     """Train what turns chunks of actions into codes; reads no images. Interrupted, run the same again."""
     given = dict(locals())  # all of the above by name, before anything else has one
-    from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import Lessons
+    from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import TokenizerTraining
     from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_training import plan_training
 
-    lessons = Lessons(
+    lessons = TokenizerTraining(
         **{name: given.pop(name) for name in ("steps", "batch_size", "lr", "weight_decay", "seed")}
     )
     fields = {name: value for name, value in given.items() if value is not None}

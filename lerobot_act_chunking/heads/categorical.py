@@ -5,7 +5,7 @@ from torch import Tensor
 
 from lerobot_act_chunking.heads.action_head import ElementHead
 from lerobot_act_chunking.heads.categorical_bins import bin_limit, cross_entropy, soft_local, soft_targets
-from lerobot_act_chunking.heads.codes import pick
+from lerobot_act_chunking.heads.codes import inverse_cdf_index
 
 
 class CategoricalHead(ElementHead):
@@ -66,7 +66,7 @@ class CategoricalHead(ElementHead):
         self, logits: Float[Tensor, "B t A M"], draws: Float[Tensor, "B t A"]
     ) -> Int64[Tensor, "B t A"]:
         if not self.top_k:
-            return pick(logits, draws, temperature=self.temperature, top_p=1.0)
+            return inverse_cdf_index(logits, draws, temperature=self.temperature, top_p=1.0)
         likeliest, bins = logits.topk(self.top_k)
-        rank = pick(likeliest, draws, temperature=self.temperature, top_p=1.0)
+        rank = inverse_cdf_index(likeliest, draws, temperature=self.temperature, top_p=1.0)
         return bins.take_along_dim(rank[..., None], dim=-1)[..., 0]

@@ -43,14 +43,14 @@ class CodeHead(nn.Module):
     def sample(
         self, features: Float[Tensor, "N D"], draws: Float[Tensor, "N G"], *, temperature: float, top_p: float
     ) -> Int64[Tensor, "N G"]:
-        """Codes that the uniform numbers ``draws`` pick; see `pick`."""
+        """Codes that the uniform numbers ``draws`` choose; see `inverse_cdf_index`."""
         if self.context is None:
-            return pick(self._parallel(features), draws, temperature=temperature, top_p=top_p)
+            return inverse_cdf_index(self._parallel(features), draws, temperature=temperature, top_p=top_p)
         codes = []
         for level, (weight, bias) in enumerate(zip(*self._readouts, strict=True)):
             seen = features + self.context.levels[level]
             logits = F.linear(self.trunk(seen), weight, bias)
-            codes.append(pick(logits, draws[:, level], temperature=temperature, top_p=top_p))
+            codes.append(inverse_cdf_index(logits, draws[:, level], temperature=temperature, top_p=top_p))
             if level < self.n_codes - 1:
                 features = features + self.context.values[level, codes[-1]]
         return torch.stack(codes, dim=1)
@@ -88,7 +88,7 @@ def make_trunk(dim: int, hidden_dims: tuple[int, ...]) -> tuple[nn.Sequential, i
     return nn.Sequential(*layers), widths[-1]
 
 
-def pick(
+def inverse_cdf_index(
     logits: Float[Tensor, "*N M"], draws: Float[Tensor, "*N"], *, temperature: float, top_p: float
 ) -> Int64[Tensor, "*N"]:
     """Sample by inverse transform: the code in whose share of [0, 1) the draw lies.

@@ -67,7 +67,9 @@ class GaussianHead(ElementHead):
         return mean + math.sqrt(self.temperature) * self.scale.log(raw).exp() * normal
 
 
-def drawn_mean(mean: Float[Tensor, "*S"], log_std: Float[Tensor, "*S"], beta: float) -> Float[Tensor, "*S"]:
+def mean_with_scaled_gradient(
+    mean: Float[Tensor, "*S"], log_std: Float[Tensor, "*S"], beta: float
+) -> Float[Tensor, "*S"]:
     """The same means, whose gradient is multiplied by ``sigma^(2 beta)``: beta-NLL's pull on them alone.
 
     For losses whose value must stay that of the likelihood.

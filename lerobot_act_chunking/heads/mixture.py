@@ -6,8 +6,8 @@ from torch import Tensor, nn
 
 from lerobot_act_chunking.heads.action_head import Act, ActionHead, at_least_single
 from lerobot_act_chunking.heads.action_scale import BoundedScale
-from lerobot_act_chunking.heads.codes import pick
-from lerobot_act_chunking.heads.gaussian import drawn_mean, normal_nll
+from lerobot_act_chunking.heads.codes import inverse_cdf_index
+from lerobot_act_chunking.heads.gaussian import mean_with_scaled_gradient, normal_nll
 from lerobot_act_chunking.nn.masking import PadNormalization, per_element
 
 USAGE_DECAY = 0.99  # of the moving average over batches
@@ -83,7 +83,7 @@ class MixtureHead(ActionHead):
         normalization: PadNormalization,
     ) -> Float[Tensor, " B"]:
         mean, log_std = self.components(features)
-        mean = drawn_mean(mean, log_std, self.beta)
+        mean = mean_with_scaled_gradient(mean, log_std, self.beta)
         nll = normal_nll(actions[:, :, None], mean, log_std) * ~is_pad[..., None, None]  # (B, T, M, A)
         joint = self.log_weights(features) - nll.sum((1, 3))
         total = -joint.logsumexp(-1)
@@ -129,4 +129,4 @@ class MixtureHead(ActionHead):
         log_weights = self.log_weights(features)
         if draws is None:
             return log_weights.argmax(-1)
-        return pick(log_weights, draws[:, 0], temperature=self.temperature, top_p=1.0)
+        return inverse_cdf_index(log_weights, draws[:, 0], temperature=self.temperature, top_p=1.0)

@@ -49,16 +49,16 @@ class Attention(nn.Module):
         """
         mask = None if is_pad is None else ~is_pad[:, None, None, :]
         if queries.shape[1] == 1 and keys.shape[1] > self.n_heads and is_plain(self.k_proj, self.v_proj):
-            return self._look_once(queries, keys, values, mask)
-        return self.read(queries, *self.remember(keys, values), mask, causal=causal)
+            return self._attend_single_query(queries, keys, values, mask)
+        return self.attend(queries, *self.project_keys_values(keys, values), mask, causal=causal)
 
-    def remember(
+    def project_keys_values(
         self, keys: Float[Tensor, "B N D"], values: Float[Tensor, "B N D"]
     ) -> tuple[Float[Tensor, "B H N d"], Float[Tensor, "B H N d"]]:
-        """Keys and values as `read` takes them; worth keeping if they are read several times."""
+        """Keys and values as `attend` takes them; project once what several queries attend to."""
         return self._heads(self.k_proj(keys)), self._heads(self.v_proj(values))
 
-    def read(
+    def attend(
         self,
         queries: Float[Tensor, "#B Q D"],
         keys: Float[Tensor, "B H N d"],
@@ -67,13 +67,13 @@ class Attention(nn.Module):
         *,
         causal: bool = False,
     ) -> Float[Tensor, "B Q D"]:
-        """Attend from ``queries`` to what `remember` made; only where ``mask`` is true."""
-        if self.keys_are_few(queries.shape[1], keys.shape[2]):
-            found = self.read_few(queries, keys, values, mask)
+        """Attend from ``queries`` to projected keys and values, only where ``mask`` is true."""
+        if self.factored_is_cheaper(queries.shape[1], keys.shape[2]):
+            found = self.attend_factored(queries, keys, values, mask)
             return found.tokens() + self.out_proj.bias
         return self._attend(self._heads(self.q_proj(queries)), keys, values, mask, causal=causal)
 
-    def mix(
+    def attend_span(
         self, x: Span, positions: Float[Tensor, "N D"], is_pad: Bool[Tensor, "B N"] | None
     ) -> Float[Tensor, "B N D"]:
         """Attend from all of ``x`` to all of it, as `forward` with ``x + positions`` as queries and keys."""
@@ -81,20 +81,20 @@ class Attention(nn.Module):
         mask = None if is_pad is None else ~is_pad[:, None, None, :]
         return self._attend(q, k, self._heads(x.through(self.v_proj)), mask)
 
-    def keys_are_few(self, n_queries: int, n_keys: int) -> bool:
-        """Whether the keys of all heads are fewer than the queries, and `read_few` saves time."""
+    def factored_is_cheaper(self, n_queries: int, n_keys: int) -> bool:
+        """Whether the keys of all heads are fewer than the queries, and `attend_factored` saves time."""
         few = self.n_heads * n_keys < n_queries
         return few and n_queries * self.out_proj.weight.numel() > _WORTH_A_DETOUR and is_plain(self.out_proj)
 
-    def read_few(
+    def attend_factored(
         self,
         queries: Float[Tensor, "#B Q D"],
         keys: Float[Tensor, "B H N d"],
         values: Float[Tensor, "B H N d"],
         mask: Bool[Tensor, "B 1 1 N"] | None = None,
     ) -> Span:
-        """As `read`, but for the last bias: for each key, what it would bring; for each query, how much."""
-        weights = self._weights(self._heads(self.q_proj(queries)), keys, mask)
+        """`attend` without the last bias, as weights (queries by keys) and a vector for each key."""
+        weights = self._attention_weights(self._heads(self.q_proj(queries)), keys, mask)
         from_head = self.out_proj.weight.t().unflatten(0, (self.n_heads, -1))
         return Span(weights.transpose(1, 2).flatten(2), (values @ from_head).flatten(1, 2))
 
@@ -108,7 +108,7 @@ class Attention(nn.Module):
         causal: bool = False,
     ) -> Float[Tensor, "B Q D"]:
         if self.training and self.dropout.p > 0 and q.device.type == "cpu" and not causal:
-            mixed = self._weights(q, keys, mask) @ values
+            mixed = self._attention_weights(q, keys, mask) @ values
         else:
             dropout = self.dropout.p if self.training else 0.0
             q = q.expand(len(keys), -1, -1, -1)
@@ -117,7 +117,7 @@ class Attention(nn.Module):
             )
         return self.out_proj(mixed.transpose(1, 2).flatten(2))
 
-    def _look_once(
+    def _attend_single_query(
         self,
         query: Float[Tensor, "#B 1 D"],
         keys: Float[Tensor, "B N D"],
@@ -129,13 +129,13 @@ class Attention(nn.Module):
             proj.weight.unflatten(0, (self.n_heads, -1)) for proj in (self.k_proj, self.v_proj)
         )
         looked = self._heads(self.q_proj(query)) @ to_keys
-        weights = self._weights(looked, keys[:, None], mask)
+        weights = self._attention_weights(looked, keys[:, None], mask)
         mixed = weights @ values[:, None] @ to_values.transpose(-1, -2)
         # With dropout the weights do not add up to one, and the values' bias counts as often as they do.
         mixed = mixed + weights.sum(-1, keepdim=True) * self.v_proj.bias.view(self.n_heads, 1, -1)
         return self.out_proj(mixed.transpose(1, 2).flatten(2))
 
-    def _weights(
+    def _attention_weights(
         self,
         queries: Float[Tensor, "#B H Q k"],
         keys: Float[Tensor, "B #H N k"],

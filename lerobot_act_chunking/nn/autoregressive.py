@@ -84,7 +84,7 @@ class AutoregressiveDecoder(nn.Module):
         """
         memory_keys = memory + memory_positions
         layers = [layer for layer in self.layers if isinstance(layer, DecoderLayer)]
-        read = [layer.read.attention.remember(memory_keys, memory) for layer in layers]
+        read = [layer.read.attention.project_keys_values(memory_keys, memory) for layer in layers]
         earlier = [KeptKeys(n_queries) for _ in layers]
         x, blocks = self.start.expand(len(memory), 1, -1), []
         for position in self.query_positions[:n_queries, None]:
@@ -130,11 +130,11 @@ def _next(
     mix = layer.mix
     assert mix is not None  # noqa: S101  (queries interact)
 
-    def look_back(y: Tensor, attention: Attention = mix.attention) -> Tensor:
-        return attention.read(y + position, *kept.add(*attention.remember(y + position, y)))
+    def attend_back(y: Tensor, attention: Attention = mix.attention) -> Tensor:
+        return attention.attend(y + position, *kept.add(*attention.project_keys_values(y + position, y)))
 
-    x = mix.add(x, look_back)
-    x = layer.read.add(x, lambda y: layer.read.attention.read(y + position, *known))
+    x = mix.add(x, attend_back)
+    x = layer.read.add(x, lambda y: layer.read.attention.attend(y + position, *known))
     return layer.refine(x)
 
 

@@ -27,7 +27,7 @@ class CameraSummaries(CameraTokens):
             nn.Linear(CHANNELS * _n_cells(backbone, shape), dim) for shape in image_shapes.values()
         )
 
-    def read(self, maps: Mapping[str, Float[Tensor, "B C _ _"]]) -> Tokens:
+    def tokens_from_features(self, maps: Mapping[str, Float[Tensor, "B C _ _"]]) -> Tokens:
         """A token per camera in the order of the keys, and the cameras' identities."""
         cells = [self.projection(maps[key]).flatten(1) for key in self.keys]
         tokens = [summary(flat) for summary, flat in zip(self.summaries, cells, strict=True)]

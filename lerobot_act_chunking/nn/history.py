@@ -30,8 +30,10 @@ class HistoryTokens(nn.Module):
         self.images = None if cameras is None else nn.Linear(cameras.dim // self.n_cameras, dim)
         self.n_tokens = self.n_cameras + len(self.keys)
 
-    def look(self, images: Mapping[str, Float[Tensor, "B H 3 _ _"]]) -> dict[str, Float[Tensor, "B H F"]]:
-        """What each camera makes of its images: vectors, which `forward` takes in place of the images."""
+    def image_features(
+        self, images: Mapping[str, Float[Tensor, "B H 3 _ _"]]
+    ) -> dict[str, Float[Tensor, "B H F"]]:
+        """One feature vector for each image; `forward` takes them in place of the images."""
         if self.cameras is None:
             return {}
         features = self.cameras(images).unflatten(-1, (self.n_cameras, -1))
@@ -43,11 +45,11 @@ class HistoryTokens(nn.Module):
         """Tokens of each step: cameras, then vectors, in the order of the keys given at construction.
 
         Args:
-            vectors: of the observed steps; without images, also what the cameras have seen (see `look`).
+            vectors: of the observed steps; without images, also the cameras' features (see `image_features`).
             images: of the observed steps.
         """
         tokens = [project(vectors[key]) for key, project in zip(self.keys, self.vectors, strict=True)]
         if self.cameras is not None and self.images is not None:
-            seen = self.look(images) if images else vectors
+            seen = self.image_features(images) if images else vectors
             tokens = [*(self.images(seen[key]) for key in self.cameras.keys), *tokens]
         return torch.stack(tokens, dim=2)

@@ -7,12 +7,14 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 
-def which_forget(n_samples: int, probability: float, generator: torch.Generator) -> Bool[Tensor, " B"]:
+def history_dropout_mask(
+    n_samples: int, probability: float, generator: torch.Generator
+) -> Bool[Tensor, " B"]:
     """The samples of a batch whose past is dropped, each with ``probability``; on the generator's device."""
     return torch.rand(n_samples, generator=generator, device=generator.device) < probability
 
 
-def forget_past(
+def drop_history(
     observations: Mapping[str, Float[Tensor, "B H ..."]], forget: Bool[Tensor, " B"]
 ) -> dict[str, Float[Tensor, "B H ..."]]:
     """Observations of samples that ``forget`` replaced by their current one, as at an episode's start.

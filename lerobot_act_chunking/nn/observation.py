@@ -51,7 +51,7 @@ class CameraTokens(nn.Module):
         self.cell_positions = ImagePositions(dim)
         self.identities = nn.Parameter(torch.zeros(len(self.keys), dim))
 
-    def look(
+    def image_features(
         self, images: Mapping[str, Float[Tensor, "B *H 3 _ _"]]
     ) -> dict[str, Float[Tensor, "B *H C _ _"]]:
         """Feature maps of all cameras, of one step or of several."""
@@ -62,7 +62,7 @@ class CameraTokens(nn.Module):
             maps |= zip(group, features, strict=True)
         return maps
 
-    def read(self, maps: Mapping[str, Float[Tensor, "B C _ _"]]) -> Tokens:
+    def tokens_from_features(self, maps: Mapping[str, Float[Tensor, "B C _ _"]]) -> Tokens:
         """Tokens of feature maps and their positions, camera by camera, those of one shape side by side."""
         tokens, positions = [], []
         for key in (key for group in self.groups for key in group):
@@ -73,7 +73,7 @@ class CameraTokens(nn.Module):
 
     def forward(self, images: Mapping[str, Float[Tensor, "B 3 _ _"]]) -> Tokens:
         """Tokens of one step's images and their positions."""
-        return self.read(self.look(images))
+        return self.tokens_from_features(self.image_features(images))
 
 
 class ObservationEncoder(nn.Module):
@@ -116,11 +116,11 @@ class ObservationEncoder(nn.Module):
         n_velocities = 0 if self.velocities is None else len(self.velocities.keys)
         return n_vectors * self.n_obs_steps + n_velocities * (self.n_obs_steps - 1)
 
-    def look(
+    def image_features(
         self, images: Mapping[str, Float[Tensor, "B *H 3 _ _"]]
     ) -> dict[str, Float[Tensor, "B *H C _ _"]]:
-        """What each camera makes of its images: feature maps, which `forward` takes in their place."""
-        return {} if self.cameras is None else self.cameras.look(images)
+        """Feature maps of the images; `forward` takes them in place of the images."""
+        return {} if self.cameras is None else self.cameras.image_features(images)
 
     def forward(
         self,
@@ -130,8 +130,8 @@ class ObservationEncoder(nn.Module):
         """Tokens and their positions: vectors and velocities step by step, current images, earlier images.
 
         Args:
-            vectors: of the observed steps, oldest first; without images, also what the cameras have seen
-                (see `look`).
+            vectors: of the observed steps, oldest first; without images, also the cameras' feature maps
+                (see `image_features`).
             images: of the observed steps, oldest first.
         """
         parts = []
@@ -140,7 +140,7 @@ class ObservationEncoder(nn.Module):
         if self.velocities is not None and self.differences is not None:
             parts.append(self._over_time(self.velocities, self.differences(vectors)))
         if self.cameras is not None:
-            seen = self.cameras.look(images) if images else vectors
+            seen = self.cameras.image_features(images) if images else vectors
             parts += self._read_images(self.cameras, {key: seen[key] for key in self.cameras.keys})
         tokens, positions = zip(*parts, strict=True)
         return torch.cat(tokens, dim=1), torch.cat(positions)
@@ -159,12 +159,12 @@ class ObservationEncoder(nn.Module):
     def _read_images(
         self, cameras: CameraTokens, maps: Mapping[str, Float[Tensor, "B H C _ _"]]
     ) -> list[Tokens]:
-        tokens, positions = cameras.read({key: value[:, -1] for key, value in maps.items()})
+        tokens, positions = cameras.tokens_from_features({key: value[:, -1] for key, value in maps.items()})
         now = tokens, self._at(slice(-1, None), positions)
         if self.n_obs_steps == 1:
             return [now]
         earlier = {key: self._coarse(value[:, :-1].flatten(0, 1)) for key, value in maps.items()}
-        tokens, positions = cameras.read(earlier)
+        tokens, positions = cameras.tokens_from_features(earlier)
         tokens = tokens.unflatten(0, (-1, self.n_obs_steps - 1)).flatten(1, 2)
         return [now, (tokens, self._at(slice(None, -1), positions))]
 

@@ -82,7 +82,7 @@ class SelfAttention(Residual):
             attention = self.attention
             plain = is_plain(attention.q_proj, attention.k_proj, attention.v_proj)
             if plain and not (self.pre_norm or n_out or causal):
-                return self.add(x, lambda _: attention.mix(span, positions, is_pad))
+                return self.add(x, lambda _: attention.attend_span(span, positions, is_pad))
 
         def mix(y: Tensor) -> Tensor:
             placed = y + positions
@@ -110,8 +110,10 @@ class CrossAttention(Residual):
         Queries of the same content that find little stay in the span of that.
         """
         same = x.shape[:2] == (1, 1) and not self.pre_norm and not (self.training and self.dropout.p)
-        if same and self.attention.keys_are_few(len(positions), memory.shape[1]):
-            found = self.attention.read_few(x + positions, *self.attention.remember(memory_keys, memory))
+        if same and self.attention.factored_is_cheaper(len(positions), memory.shape[1]):
+            found = self.attention.attend_factored(
+                x + positions, *self.attention.project_keys_values(memory_keys, memory)
+            )
             start = (x + self.attention.out_proj.bias).expand(len(memory), -1, -1)
             sums = Span(F.pad(found.weights, (0, 1), value=1.0), torch.cat((found.vectors, start), dim=1))
             return sums.normalized(self.norm)

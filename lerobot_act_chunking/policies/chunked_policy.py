@@ -137,7 +137,7 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
     def select_action(self, batch: Batch, **_: Any) -> Tensor:
         """The normalised action (B, A) of this control step. Call `reset` at the start of each rollout."""
         observation = Observation.from_lerobot(batch, self.feature_spec)
-        self._window.push(self._perceive(observation))
+        self._window.push(self._encode_images_on_arrival(observation))
 
         def predict(envs: Environments) -> Tensor:
             if self.training:  # switching hundreds of modules takes a tenth of a chunk's time
@@ -158,10 +158,10 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
             if alone
             else self._window
         )
-        window.push(self._perceive(Observation.from_lerobot(batch, self.feature_spec)))
+        window.push(self._encode_images_on_arrival(Observation.from_lerobot(batch, self.feature_spec)))
         return window.stack()
 
-    def _perceive(self, observation: Observation) -> Observation:
+    def _encode_images_on_arrival(self, observation: Observation) -> Observation:
         """What the window keeps of the current observation (B, ...); a policy may keep features of images."""
         return observation
 

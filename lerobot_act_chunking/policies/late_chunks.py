@@ -30,8 +30,8 @@ class LateChunks:
         self._newest: Any = None
         self._n_late = 0
 
-    def see(self, queue: Any) -> None:
-        """Look at LeRobot's queue, which holds what is left of the newest chunk.
+    def check(self, queue: Any) -> None:
+        """Check LeRobot's queue, which holds what is left of the newest chunk.
 
         Raises:
             ConfigurationError: `PATIENCE` chunks in a row came too late, so that the robot stands still.
@@ -84,7 +84,7 @@ def _watched(get_action: Callable[..., Any]) -> Callable[..., Any]:
             raise noted[0]
         action, queue = get_action(engine, obs_frame), engine.action_queue
         if queue is not None:
-            watches.setdefault(engine, LateChunks(engine._fps)).see(queue)
+            watches.setdefault(engine, LateChunks(engine._fps)).check(queue)
         return action
 
     return watched

@@ -29,7 +29,7 @@ def lerobot_act(tmp_path):
     return str(folder)
 
 
-def test_the_lectures_question(tmp_path, capsys):
+def test_ensembles_of_few_chunks(tmp_path, capsys):
     numbers, picture = tmp_path / "new" / "bandwidth.json", tmp_path / "bandwidth.png"
     command = (
         "bandwidth --chunk-size 100 --replan-interval 1 --weighting act --coeff 0.01 --latency-steps 0 "

@@ -14,7 +14,11 @@ import lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked  
 from lerobot_act_chunking.cli.main import main
 from lerobot_act_chunking.diagnostics.codebook import fitting
 from lerobot_act_chunking.diagnostics.codebook.candidates import Candidate
-from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import Lessons, TokenizerInfo, save_tokenizer
+from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import (
+    TokenizerInfo,
+    TokenizerTraining,
+    save_tokenizer,
+)
 from lerobot_act_chunking.tokenizers.make import make_tokenizer
 from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
 
@@ -51,7 +55,7 @@ def write_tokenizer(path, dataset, **settings):
     """Bins of each action: nothing to train, nothing lost."""
     spec = TokenizerSpec(tokenizer="uniform", chunk_size=C, action_dim=A, n_bins=64)
     bounds = {"min": [-1.0] * A, "max": [1.0] * A}
-    info = TokenizerInfo(spec, 2, "MIN_MAX", 1e-2, bounds, dataset, 330, Lessons())
+    info = TokenizerInfo(spec, 2, "MIN_MAX", 1e-2, bounds, dataset, 330, TokenizerTraining())
     save_tokenizer(path, make_tokenizer(spec), info)
     return str(path)
 

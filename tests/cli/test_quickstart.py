@@ -9,7 +9,7 @@ from lerobot.configs.train import TrainPipelineConfig
 import lerobot_act_chunking.plugin  # noqa: F401
 from lerobot_act_chunking.cli import main as cli
 from lerobot_act_chunking.cli import quickstart
-from lerobot_act_chunking.cli.quickstart import Story
+from lerobot_act_chunking.cli.quickstart import QuickstartPlan
 
 CONFIG = Path(__file__).parents[2] / "configs" / "quickstart.yaml"
 
@@ -20,7 +20,7 @@ def parse_train(command: list[str]) -> dict:
 
 
 def test_the_printed_training_command_is_the_committed_config():
-    command = Story(Path("outputs/quickstart")).train_command()
+    command = QuickstartPlan(Path("outputs/quickstart")).train_command()
     into_the_hub = {
         "--policy.push_to_hub=true": "--policy.push_to_hub=false",
         "--policy.repo_id=local/act_transfer_cube": "",
@@ -35,18 +35,18 @@ def test_stages_run_in_order_and_finished_ones_are_skipped(tmp_path, monkeypatch
 
     def fake_run(command, console):
         ran.append(command[:2])
-        story = Story(tmp_path, steps=3)
+        plan = QuickstartPlan(tmp_path, steps=3)
         name = " ".join(command[:2])
         if name == "act-chunking record":
-            touch(story.dataset / "meta" / "info.json")
+            touch(plan.dataset / "meta" / "info.json")
         elif command[0] == "lerobot-train":
-            touch(story.train / "checkpoints" / "000003" / "pretrained_model" / "config.json")
-            touch(story.hub / "models--local--act_transfer_cube" / "refs" / "main")
+            touch(plan.train / "checkpoints" / "000003" / "pretrained_model" / "config.json")
+            touch(plan.hub / "models--local--act_transfer_cube" / "refs" / "main")
         elif command[0] == "lerobot-eval":
             successes = {"per_task": [{"metrics": {"successes": [True, True, False, True]}}]}
-            touch(story.evaluation / "eval_info.json", json.dumps(successes))
+            touch(plan.evaluation / "eval_info.json", json.dumps(successes))
         else:
-            touch(story.picture)
+            touch(plan.picture)
 
     monkeypatch.setattr(quickstart, "run", fake_run)
     monkeypatch.setenv("LEROBOT_LOCAL_HUB", str(tmp_path / "hub"))
@@ -67,25 +67,25 @@ def test_stages_run_in_order_and_finished_ones_are_skipped(tmp_path, monkeypatch
 
 
 def test_an_interrupted_training_resumes_from_its_checkpoint(tmp_path):
-    story = Story(tmp_path)
-    touch(story.checkpoint / "config.json")
-    assert story.train_command() == [
+    plan = QuickstartPlan(tmp_path)
+    touch(plan.checkpoint / "config.json")
+    assert plan.train_command() == [
         "lerobot-train",
-        f"--config_path={story.checkpoint}/train_config.json",
+        f"--config_path={plan.checkpoint}/train_config.json",
         "--resume=true",
     ]
-    assert not story.trained()
+    assert not plan.trained()
 
 
 def test_training_output_without_a_checkpoint_is_cleared_but_checkpoints_never(tmp_path):
-    story = Story(tmp_path)
-    touch(story.train / "leftover.txt")
-    quickstart.train_afresh_or_on(story)
-    assert not story.train.exists()
+    plan = QuickstartPlan(tmp_path)
+    touch(plan.train / "leftover.txt")
+    quickstart.train_afresh_or_on(plan)
+    assert not plan.train.exists()
 
-    touch(story.checkpoint / "config.json")
-    quickstart.train_afresh_or_on(story)
-    assert (story.checkpoint / "config.json").exists()
+    touch(plan.checkpoint / "config.json")
+    quickstart.train_afresh_or_on(plan)
+    assert (plan.checkpoint / "config.json").exists()
 
 
 def test_a_failing_command_stops_the_story_and_is_named(tmp_path, capsys):
@@ -107,8 +107,8 @@ def test_a_command_stopped_by_ctrl_c_counts_as_ctrl_c():
     ],
 )
 def test_results_of_another_story_never_pass_for_this_ones(tmp_path, capsys, argv, held):
-    quickstart.claim_folder(Story(tmp_path))
-    quickstart.claim_folder(Story(tmp_path))
+    quickstart.claim_folder(QuickstartPlan(tmp_path))
+    quickstart.claim_folder(QuickstartPlan(tmp_path))
     assert cli.main(["quickstart", "--output-dir", str(tmp_path), *argv]) == 1
     assert f"holds a quickstart with {held}; repeat those settings" in capsys.readouterr().err
 

@@ -73,7 +73,7 @@ def checkpoint(tmp_path_factory):
 QUICK = ["--sampler", "euler", "--steps", "2,5", "--episodes", "3"]
 
 
-def test_the_lectures_question(checkpoint, dataset, tmp_path, capsys):
+def test_whether_few_steps_are_enough(checkpoint, dataset, tmp_path, capsys):
     numbers, picture = tmp_path / "new" / "steps.json", tmp_path / "steps.png"
     outputs = ["--json", str(numbers), "--out", str(picture)]
     asked = ["steps", checkpoint, "--dataset", dataset, "--tolerance", "100", "--seed", "4", *QUICK]

@@ -20,7 +20,7 @@ SMALL = (
     "--policy.chunk_size=6 --policy.actions_per_query=2 --policy.dropout=0"
 )
 KINDS = {
-    "lecture": "--policy.preset=lecture --policy.obs_stride=2 --policy.vae_action_stride=3 "
+    "autoregressive": "--policy.preset=autoregressive --policy.obs_stride=2 --policy.vae_action_stride=3 "
     "--policy.use_ema=true --policy.kl_anneal=linear --policy.kl_anneal_steps=3 --policy.use_amp=true",
     "mixture": "--policy.use_vae=true --policy.latent_type=mixture --policy.latent_warmup_steps=3 "
     "--policy.n_latent_components=2 --policy.z_inference=sample --policy.use_ema=true "

@@ -3,7 +3,7 @@ import math
 import pytest
 import torch
 
-from lerobot_act_chunking.heads.codes import CodeHead, focal_loss, pick
+from lerobot_act_chunking.heads.codes import CodeHead, focal_loss, inverse_cdf_index
 
 N, G, M, D = 3, 5, 4, 16
 SHARES = torch.tensor([0.1, 0.0, 0.4, 0.3, 0.2])
@@ -30,7 +30,7 @@ def codes():
 
 
 def frequencies(draws=DRAWS, *, logits=LOGITS, temperature=1.0, top_p=1.0):
-    picked = pick(logits.expand(len(draws), -1), draws, temperature=temperature, top_p=top_p)
+    picked = inverse_cdf_index(logits.expand(len(draws), -1), draws, temperature=temperature, top_p=top_p)
     return torch.bincount(picked, minlength=len(logits)) / len(draws)
 
 
@@ -70,9 +70,9 @@ def test_teacher_forced_logits_are_those_of_sampling(features, hidden_dims, monk
 
     def watch(logits, draws, **settings):
         seen.append(logits)
-        return pick(logits, draws, **settings)
+        return inverse_cdf_index(logits, draws, **settings)
 
-    monkeypatch.setattr("lerobot_act_chunking.heads.codes.pick", watch)
+    monkeypatch.setattr("lerobot_act_chunking.heads.codes.inverse_cdf_index", watch)
     sampled = head.sample(features.double(), torch.rand(N, G), temperature=1.0, top_p=0.9)
     expected = head.logits(features.double(), sampled)
     torch.testing.assert_close(torch.stack(seen, dim=1), expected, rtol=0, atol=1e-12)
@@ -127,7 +127,7 @@ def test_random_draws_have_the_probabilities():
 
 def test_draws_are_mapped_in_order():
     torch.testing.assert_close(frequencies(), SHARES, rtol=0, atol=2e-4)
-    picked = pick(LOGITS.expand(len(DRAWS), -1), DRAWS, temperature=1.0, top_p=1.0)
+    picked = inverse_cdf_index(LOGITS.expand(len(DRAWS), -1), DRAWS, temperature=1.0, top_p=1.0)
     assert (picked.diff() >= 0).all()
 
 
@@ -181,13 +181,13 @@ def test_the_edges_never_pick_what_is_impossible(top_p, draw, seed):
     impossible[:, [0, 15]] = True
     logits[impossible] = -math.inf
     draws = torch.full((50,), draw, dtype=torch.float64)
-    picked = pick(logits, draws, temperature=1.0, top_p=top_p)
+    picked = inverse_cdf_index(logits, draws, temperature=1.0, top_p=top_p)
     assert not impossible.take_along_dim(picked[:, None], dim=1).any()
 
 
 @pytest.mark.parametrize("shape", [(), (3,), (3, 5)])
 def test_any_number_of_leading_axes(shape):
-    picked = pick(torch.randn(*shape, M), torch.rand(shape), temperature=1.0, top_p=0.9)
+    picked = inverse_cdf_index(torch.randn(*shape, M), torch.rand(shape), temperature=1.0, top_p=0.9)
     assert picked.shape == shape
 
 
@@ -195,7 +195,7 @@ def test_half_precision_logits_are_sampled_in_single():
     n = 5000
     logits = torch.zeros(n, 1000, dtype=torch.bfloat16)
     draws = (torch.arange(n) + 0.5) / n
-    picked = pick(logits, draws, temperature=1.0, top_p=1.0)
+    picked = inverse_cdf_index(logits, draws, temperature=1.0, top_p=1.0)
     assert len(picked.unique()) == 1000
 
 

@@ -68,7 +68,7 @@ def test_a_single_query_is_not_projected_key_by_key(attention, shared, monkeypat
     query, keys, values = torch.randn(1 if shared else B, 1, D), torch.randn(B, N, D), torch.randn(B, N, D)
     is_pad = torch.arange(N) >= torch.tensor([[7], [4], [1]])
     expected = reference_of_one(attention, query, keys, values, is_pad)
-    monkeypatch.setattr(Attention, "remember", None)
+    monkeypatch.setattr(Attention, "project_keys_values", None)
     torch.testing.assert_close(attention(query, keys, values, is_pad), expected)
 
 
@@ -82,7 +82,10 @@ def test_a_single_query_with_dropout_counts_the_bias_of_what_is_left():
     query, keys = torch.randn(B, 1, D), torch.randn(B, N, D)
     torch.nn.init.normal_(attention.v_proj.bias)
     outputs = []
-    for look in (attention.forward, lambda *x: attention.read(x[0], *attention.remember(*x[1:]))):
+    for look in (
+        attention.forward,
+        lambda *x: attention.attend(x[0], *attention.project_keys_values(*x[1:])),
+    ):
         torch.manual_seed(1)
         outputs.append(look(query, keys, keys))
     torch.testing.assert_close(*outputs)
@@ -91,9 +94,9 @@ def test_a_single_query_with_dropout_counts_the_bias_of_what_is_left():
 def test_more_queries_than_keys_of_all_heads(attention, monkeypatch):
     """What each key brings is projected, not what each query found."""
     queries, keys, values = torch.randn(1, 9, D), torch.randn(B, 4, D), torch.randn(B, 4, D)
-    assert attention.keys_are_few(9, 4)
+    assert attention.factored_is_cheaper(9, 4)
     few = attention(queries, keys, values)
-    monkeypatch.setattr(Attention, "keys_are_few", lambda *_: False)
+    monkeypatch.setattr(Attention, "factored_is_cheaper", lambda *_: False)
     torch.testing.assert_close(few, attention(queries, keys, values))
 
 

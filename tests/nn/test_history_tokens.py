@@ -64,6 +64,8 @@ def test_every_parameter_learns():
 def test_images_seen_one_by_one_are_the_same_tokens():
     history = HistoryTokens(VECTORS, keypoints(), D)
     vectors, images = observations()
-    steps = [history.look({key: image[:, h : h + 1] for key, image in images.items()}) for h in range(H)]
+    steps = [
+        history.image_features({key: image[:, h : h + 1] for key, image in images.items()}) for h in range(H)
+    ]
     seen = {key: torch.cat([step[key] for step in steps], dim=1) for key in SHAPES}
     torch.testing.assert_close(history(vectors | seen, {}), history(vectors, images))

@@ -9,7 +9,7 @@ from lerobot_act_chunking.nn.latents.gaussian import GaussianLatent
 from lerobot_act_chunking.nn.latents.health import latent_metrics
 from lerobot_act_chunking.nn.latents.make import LATENTS, LatentSpec, make_latent
 from lerobot_act_chunking.nn.latents.mixture import MixtureLatent
-from lerobot_act_chunking.nn.latents.normal import kl_between_normals, pick
+from lerobot_act_chunking.nn.latents.normal import kl_between_normals, select_component
 
 B, N, D, L, M, MANY = 3, 5, 16, 4, 6, 20_000
 TYPES = sorted(LATENTS)
@@ -148,7 +148,7 @@ def test_the_mode_and_the_posterior_do_not_depend_on_the_fit():
 def test_temperature_narrows_components_in_place():
     (cold, means, _), (warm, *_) = fitted(z_temperature=0.1), fitted()
     noise = torch.randn(B, warm.n_noise, generator=rng())
-    centre = pick(warm.weights, noise[:, -1])[:, :3] @ means
+    centre = select_component(warm.weights, noise[:, -1])[:, :3] @ means
     expected = centre + 0.1 * (warm.prior(noise, tokens()) - centre)
     torch.testing.assert_close(cold.prior(noise, tokens()), expected)
 
@@ -391,7 +391,7 @@ def test_only_used_codes_are_sampled(settings, shares):
 
 def test_a_choice_without_weight_is_never_made():
     weights = torch.tensor([0.0, 0.3, 0.0, 0.7, 0.0])
-    extremes = pick(weights, torch.tensor([-9.0, -40.0, 9.0, 40.0]))
+    extremes = select_component(weights, torch.tensor([-9.0, -40.0, 9.0, 40.0]))
     assert extremes.argmax(-1).tolist() == [1, 1, 3, 3]
 
 

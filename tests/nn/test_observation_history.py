@@ -140,7 +140,9 @@ def test_one_backbone_call_for_each_shape(images):
 def test_frames_that_were_kept_give_the_same_tokens(vectors, images, grid):
     """Each frame is looked at when it is new, on its own; features take the place of images."""
     encoder = make(grid=grid, velocity=True)
-    looks = [encoder.look({key: value[:, step] for key, value in images.items()}) for step in range(H)]
+    looks = [
+        encoder.image_features({key: value[:, step] for key, value in images.items()}) for step in range(H)
+    ]
     kept = {key: torch.stack([look[key] for look in looks], dim=1) for key in images}
     calls = encoder.cameras.backbone.calls
     from_kept = encoder(vectors | kept, {})
@@ -150,11 +152,11 @@ def test_frames_that_were_kept_give_the_same_tokens(vectors, images, grid):
 
 def test_several_steps_are_looked_at_as_one_by_one(images):
     encoder = make()
-    together = encoder.look(images)
+    together = encoder.image_features(images)
     for step in range(H):
-        alone = encoder.look({key: value[:, step] for key, value in images.items()})
+        alone = encoder.image_features({key: value[:, step] for key, value in images.items()})
         assert all(torch.equal(together[key][:, step], alone[key]) for key in images)
-    assert make(cameras=False).look({}) == {}
+    assert make(cameras=False).image_features({}) == {}
 
 
 def test_time_starts_at_zero_and_is_learned(vectors, images):

@@ -138,6 +138,6 @@ def test_many_queries_that_read_few_tokens_are_the_same(spec, n_layers, monkeypa
     for few in (True, False):
         with monkeypatch.context() as patch:
             if not few:
-                patch.setattr(Attention, "keys_are_few", lambda *_: False)
+                patch.setattr(Attention, "factored_is_cheaper", lambda *_: False)
             results.append(gradients_and_output(decoder(memory, positions), memory, *decoder.parameters()))
     torch.testing.assert_close(*results)

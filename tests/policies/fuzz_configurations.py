@@ -48,7 +48,7 @@ NEAR: dict[str, tuple[Any, ...]] = {
     "horizon_s": (0.05, 0.1, 0.2),
     "prediction_dt": (0.02, 0.04, 0.1),
     "replan_s": (0.02, 0.1),
-    "preset": ("base", "paper", "lecture"),
+    "preset": ("base", "paper", "autoregressive"),
     "vision_backbone": ("small_cnn", "small_cnn", "timm:none", "timm:"),
     "pretrained_backbone_weights": ("imagenet", "none.safetensors", "ResNet18_Weights.IMAGENET1K_V1"),
     "tokenizer_path": ("none",),

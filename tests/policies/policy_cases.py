@@ -114,7 +114,7 @@ class Case:
         return self.policy(**LARGER[self.type])
 
     @property
-    def lessons(self) -> int:
+    def n_training_steps(self) -> int:
         """Optimiser steps to learn eight samples by heart; generative policies have more to learn."""
         return 160 if self.type == "act_chunked" else 400
 
@@ -123,7 +123,7 @@ class Case:
         generator = torch.Generator().manual_seed(6)
         if self.type == "diffusion_chunked":
             return {"noise": torch.randn(batch_size, T, A, generator=generator)}
-        if self.type == "act_chunked" and self.config().samples:
+        if self.type == "act_chunked" and self.config().is_stochastic:
             network = self.policy().model
             return {
                 "noise": torch.randn(batch_size, network.latent.n_noise, generator=generator),

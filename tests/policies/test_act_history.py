@@ -103,7 +103,7 @@ def test_features_that_were_kept_give_the_same_actions(monkeypatch, use_ema):
     policy = make(CASES["cameras"], use_ema=use_ema, execution="crossfade", replan_interval=2)
     steps = frames(CASES["cameras"], 8)
     kept = [policy.select_action(step) for step in steps]
-    monkeypatch.setattr(type(policy), "_perceive", lambda self, observation: observation)
+    monkeypatch.setattr(type(policy), "_encode_images_on_arrival", lambda self, observation: observation)
     policy.reset()
     late = [policy.select_action(step) for step in steps]
     torch.testing.assert_close(kept, late, rtol=1e-4, atol=1e-5)
@@ -127,6 +127,6 @@ def test_the_style_encoder_reads_the_newest_state():
     policy = make(case)
     batch = history_batch(policy)
     state = batch["observation.state"]
-    lesson = policy._lesson(batch, None)
-    assert torch.equal(lesson.state, state[:, -1])
+    training_batch = policy._training_batch(batch, None)
+    assert torch.equal(training_batch.state, state[:, -1])
     assert not torch.equal(state[:, -1], state[:, 0])

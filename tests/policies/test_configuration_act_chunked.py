@@ -301,7 +301,7 @@ def test_latents_that_cannot_work(settings, message):
         SAMPLED | {"z_hold": "chunk", "execution": "coherence"},
         {"action_likelihood": "gmm", "action_temperature": 1.0, "execution": "coherence"},
         {"action_likelihood": "categorical"},
-        {"preset": "lecture"},
+        {"preset": "autoregressive"},
     ],
 )
 def test_neighbours_of_what_is_refused_work(settings):
@@ -376,3 +376,7 @@ def test_lerobots_command_line_shows_the_reason():
     settings = ["--policy.type=act_chunked", "--policy.execution=crossfade", "--policy.crossfade_steps=90"]
     with pytest.raises(DecodingError, match="crossfade_steps=90 must be between 1 and the overlap"):
         draccus.parse(TrainPipelineConfig, args=["--dataset.repo_id=local/none", *settings])
+
+
+def test_a_preset_of_an_earlier_checkpoint_keeps_its_meaning():
+    assert make(preset="lecture") == make(preset="autoregressive")

@@ -267,7 +267,7 @@ def test_it_learns_eight_samples_by_heart(case):
     optimizer = torch.optim.AdamW([p for p in policy.parameters() if p.requires_grad], lr=3e-3)
     first = chunk_error(policy, batch)
     policy.train()
-    for _ in range(case.lessons):
+    for _ in range(case.n_training_steps):
         policy.forward(batch)[0].backward()
         optimizer.step()
         optimizer.zero_grad()

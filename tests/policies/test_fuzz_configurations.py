@@ -189,8 +189,8 @@ def test_the_wrapper_knows_its_grippers_too():
 
 def test_velocities_need_a_vector():
     with pytest.raises(ConfigurationError, match=r"set --policy\.use_velocity=false"):
-        named("act_chunked", IMAGES, preset="lecture").config().validate_features()
-    assert build(named("act_chunked", IMAGES, preset="lecture", use_velocity=False)) is not None
+        named("act_chunked", IMAGES, preset="autoregressive").config().validate_features()
+    assert build(named("act_chunked", IMAGES, preset="autoregressive", use_velocity=False)) is not None
 
 
 @pytest.mark.parametrize(

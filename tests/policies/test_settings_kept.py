@@ -22,7 +22,7 @@ LEFT_OUT |= {"inner", "inner_path", "input_features", "output_features", "pretra
 INTEGERS = (0, 1, 2, 3, 5, 8, 10, 16, 50, 64, 100)
 NUMBERS = (0.0, 1e-4, 0.02, 0.1, 0.3, 0.5, 0.99, 1.0, 2.0, 10.0)
 NAMED: dict[str, tuple[Any, ...]] = {
-    "preset": ("base", "paper", "lecture"),
+    "preset": ("base", "paper", "autoregressive"),
     "vision_backbone": ("small_cnn", "resnet18", "resnet34"),
     "objective": ("flow", "ddpm", "two_step"),
     "prediction_type": ("velocity", "sample", "epsilon", "v_prediction"),

@@ -34,7 +34,9 @@ def rollout(policy, n_steps, after=lambda step: None):
 
 def seen_late(monkeypatch):
     """Images are kept and encoded when a chunk is due."""
-    monkeypatch.setattr(VqbetChunkedPolicy, "_perceive", lambda self, observation: observation)
+    monkeypatch.setattr(
+        VqbetChunkedPolicy, "_encode_images_on_arrival", lambda self, observation: observation
+    )
 
 
 @pytest.mark.parametrize("use_ema", [False, True])

@@ -1,4 +1,4 @@
-"""The lecture's residual vector quantisation, written down once more in the plainest way."""
+"""Residual vector quantisation with EMA updates, written down once more in the plainest way."""
 
 import torch
 

@@ -1,4 +1,4 @@
-"""Our use of the library is the lecture's loss and update, and LeRobot's."""
+"""Our use of the library is the loss and update of Lee et al. 2024 (VQ-BeT), and LeRobot's."""
 
 import copy
 

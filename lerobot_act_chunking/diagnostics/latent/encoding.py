@@ -14,7 +14,7 @@ from lerobot_act_chunking.data.batch import ActionTarget, Observation
 from lerobot_act_chunking.data.masking import hold_padding
 from lerobot_act_chunking.diagnostics.latent.samples import Samples
 from lerobot_act_chunking.diagnostics.latent.subject import Subject
-from lerobot_act_chunking.policies.act_chunked.network import Lesson
+from lerobot_act_chunking.policies.act_chunked.network import TrainingBatch
 
 
 @dataclass(frozen=True)
@@ -42,10 +42,10 @@ def encode(subject: Subject, samples: Samples, *, seed: int) -> Encoded:
     network, latent = subject.network, subject.latent
     generator = torch.Generator().manual_seed(seed)
     parts: list[tuple[Tensor, ...]] = []
-    for lesson in _lessons(subject, samples):
-        tokens = lesson.seen.tokens
+    for training_batch in _training_batches(subject, samples):
+        tokens = training_batch.observation.tokens
         noise = torch.randn(2, len(tokens), latent.n_noise, generator=generator).to(tokens)
-        posterior = network.posterior(lesson, noise[0])
+        posterior = network.posterior(training_batch, noise[0])
         styles = posterior.z, latent.prior(noise[1], tokens), latent.prior(None, tokens)
         parts.append((posterior.mean, posterior.divergence, *styles))
     return Encoded(*(torch.cat(each).double().cpu().numpy() for each in zip(*parts, strict=True)))
@@ -64,14 +64,18 @@ def reconstruction_errors(
     generator = torch.Generator().manual_seed(seed)
     errors: dict[str, list[Tensor]] = {name: [] for name in styles}
     done = 0
-    for lesson in _lessons(subject, samples):
-        size = len(lesson.seen.tokens)
+    for training_batch in _training_batches(subject, samples):
+        size = len(training_batch.observation.tokens)
         shape = network.head.draws_shape
-        draws = torch.rand(size, *shape, generator=generator).to(lesson.seen.tokens) if shape else None
+        draws = (
+            torch.rand(size, *shape, generator=generator).to(training_batch.observation.tokens)
+            if shape
+            else None
+        )
         for name, values in styles.items():
-            z = torch.from_numpy(values[done : done + size]).to(lesson.seen.tokens)
-            actions = network.act(lesson.seen, z, draws, n_queries)
-            errors[name].append(_absolute_error(actions, lesson.target))
+            z = torch.from_numpy(values[done : done + size]).to(training_batch.observation.tokens)
+            actions = network.act(training_batch.observation, z, draws, n_queries)
+            errors[name].append(_absolute_error(actions, training_batch.target))
         done += size
     return {name: torch.cat(parts).double().cpu().numpy() for name, parts in errors.items()}
 
@@ -82,21 +86,21 @@ def _absolute_error(actions: Float[Tensor, "B T A"], target: ActionTarget) -> Fl
     return (by_step * valid).sum(1) / valid.sum(1)
 
 
-def _lessons(subject: Subject, samples: Samples) -> Iterator[Lesson]:
+def _training_batches(subject: Subject, samples: Samples) -> Iterator[TrainingBatch]:
     for raw in samples.batches():
-        yield _lesson(subject, subject.loaded.preprocessor(raw))
+        yield _training_batch(subject, subject.loaded.preprocessor(raw))
 
 
-def _lesson(subject: Subject, batch: Mapping[str, Any]) -> Lesson:
+def _training_batch(subject: Subject, batch: Mapping[str, Any]) -> TrainingBatch:
     config = subject.config
     target = ActionTarget.from_lerobot(batch, config.feature_spec, config.chunk_size)
     window = Observation.window_from_lerobot(batch, config.feature_spec, config.n_obs_steps, target)
     actions = hold_padding(target.actions, target.is_pad)
     state = window.vectors.get(OBS_STATE)
-    return Lesson(
-        seen=subject.network.see(window),
+    return TrainingBatch(
+        observation=subject.network.encode_observation(window),
         state=None if state is None else state[:, -1],
         target=ActionTarget(actions, target.is_pad),
-        taught=actions,
-        shown=None,
+        decoder_inputs=actions,
+        decoder_input_mask=None,
     )

@@ -5,7 +5,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from lerobot_act_chunking.nn.latents.latent import Latent, Posterior
-from lerobot_act_chunking.nn.latents.normal import pick
+from lerobot_act_chunking.nn.latents.normal import select_component
 
 FIRST_TEMPERATURE, LAST_TEMPERATURE = 1.0, 0.3
 USAGE_RATE = 0.01  # of the moving average over training batches
@@ -69,7 +69,7 @@ class CategoricalLatent(Latent):
             return _one_hot(self.usage).expand(len(tokens), -1)
         used = self.usage >= LEAST_USAGE / self.dim
         weights = used.float() if self.uniform else used * self.usage ** (1 / self.temperature)
-        return pick(weights, noise[:, 0])
+        return select_component(weights, noise[:, 0])
 
 
 def _gumbel(noise: Float[Tensor, "B M"]) -> Float[Tensor, "B M"]:

@@ -6,7 +6,7 @@ from torch import Tensor
 
 from lerobot_act_chunking.nn.buffers import keep_missing_buffers
 from lerobot_act_chunking.nn.latents.latent import Latent, Posterior
-from lerobot_act_chunking.nn.latents.normal import kl_to_standard_normal, pick, sample_normal
+from lerobot_act_chunking.nn.latents.normal import kl_to_standard_normal, sample_normal, select_component
 
 MOST_COMPONENTS = 16
 LOG_VARIANCE = (-10.0, 5.0)  # beyond, nothing is gained and exponentials may overflow
@@ -75,7 +75,7 @@ class GaussianLatent(Latent):
         if noise is None:
             return self.means.new_zeros(len(tokens), self.dim)
         weights = (self.weights > 0).float() if self.uniform else self.weights
-        chosen = pick(weights, noise[:, -1])
+        chosen = select_component(weights, noise[:, -1])
         spread = torch.einsum("bm,mij,bj->bi", chosen, self.scales, noise[:, : self.dim])
         return chosen @ self.means + self.temperature * spread
 

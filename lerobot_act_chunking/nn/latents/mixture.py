@@ -6,7 +6,12 @@ from torch import Tensor, nn
 
 from lerobot_act_chunking.nn.latents.gaussian import LOG_VARIANCE, split_normal
 from lerobot_act_chunking.nn.latents.latent import Latent, Posterior
-from lerobot_act_chunking.nn.latents.normal import kl_to_standard_normal, log_density, pick, sample_normal
+from lerobot_act_chunking.nn.latents.normal import (
+    kl_to_standard_normal,
+    log_density,
+    sample_normal,
+    select_component,
+)
 
 N_REMEMBERED = 1024  # encodings that place the components
 SPREAD_RATE = 0.05  # of the moving average of posterior variances
@@ -82,7 +87,7 @@ class MixtureLatent(Latent):
         if noise is None:
             peak = (self.logits - self._log_variances.sum(-1) / 2).argmax()
             return self.means[peak].expand(len(tokens), -1)
-        chosen = pick(self.logits.softmax(-1), noise[:, -1])
+        chosen = select_component(self.logits.softmax(-1), noise[:, -1])
         scaled = self.temperature * noise[:, : self.dim]
         return sample_normal(chosen @ self.means, chosen @ self._log_variances, scaled)
 

@@ -40,7 +40,7 @@ def log_density(
     return -0.5 * (squared + log_variance + math.log(2 * math.pi)).sum(-1)
 
 
-def pick(
+def select_component(
     weights: Float[Tensor, "#B M"] | Float[Tensor, " M"], noise: Float[Tensor, " B"]
 ) -> Float[Tensor, "B M"]:
     """One-hot choices with these probabilities, from one standard normal number each (inverse CDF).

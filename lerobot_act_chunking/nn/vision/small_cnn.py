@@ -3,10 +3,10 @@
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from lerobot_act_chunking.nn.vision.layers import FastWhenActing, group_norm
+from lerobot_act_chunking.nn.vision.layers import ChannelsLastInEval, group_norm
 
 
-class SmallCnn(FastWhenActing):
+class SmallCnn(ChannelsLastInEval):
     """Four stride-2 convolutions for small images on a CPU: 0.39 M parameters, stride 16."""
 
     CHANNELS = (32, 64, 128, 256)

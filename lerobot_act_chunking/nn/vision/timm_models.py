@@ -9,7 +9,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from lerobot_act_chunking.errors import ConfigurationError, need
-from lerobot_act_chunking.nn.vision.layers import BackboneNorm, FastWhenActing, replace_batch_norm
+from lerobot_act_chunking.nn.vision.layers import BackboneNorm, ChannelsLastInEval, replace_batch_norm
 
 PREFIX = "timm:"
 IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
@@ -34,7 +34,7 @@ def check_timm(name: str) -> None:
         )
 
 
-def make_timm_backbone(name: str, norm: BackboneNorm, weights: str | None) -> tuple[FastWhenActing, int]:
+def make_timm_backbone(name: str, norm: BackboneNorm, weights: str | None) -> tuple[ChannelsLastInEval, int]:
     """The feature maps of a timm model, at its coarsest resolution, and their channels.
 
     Args:
@@ -71,7 +71,7 @@ def _feature_maps(name: str, **settings: Any) -> Any:
         ) from error
 
 
-class TimmBody(FastWhenActing):
+class TimmBody(ChannelsLastInEval):
     """A timm model's coarsest feature map."""
 
     def __init__(self, model: nn.Module, norm: BackboneNorm):
@@ -103,7 +103,7 @@ class Lite0Body(TimmBody):
         return super().forward(images * self.scale + self.shift)
 
 
-def make_efficientnet_lite0(norm: BackboneNorm, weights: str | None) -> tuple[FastWhenActing, int]:
+def make_efficientnet_lite0(norm: BackboneNorm, weights: str | None) -> tuple[ChannelsLastInEval, int]:
     """EfficientNet-lite0 (Tan & Le 2019, without squeeze-and-excite): 3.4 M parameters, stride 32.
 
     Raises:

@@ -12,7 +12,12 @@ from torch import Tensor, nn
 from torchvision.models import WeightsEnum, convnext_tiny, resnet18, resnet34, resnet50, vit_b_16
 
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
-from lerobot_act_chunking.nn.vision.layers import BackboneNorm, FastWhenActing, FrozenBatchNorm, group_norm
+from lerobot_act_chunking.nn.vision.layers import (
+    BackboneNorm,
+    ChannelsLastInEval,
+    FrozenBatchNorm,
+    group_norm,
+)
 
 RESNETS = {"resnet18": resnet18, "resnet34": resnet34, "resnet50": resnet50}
 NAMES = (*RESNETS, "convnext_tiny", "vit_b_16")
@@ -20,7 +25,7 @@ NAMES = (*RESNETS, "convnext_tiny", "vit_b_16")
 
 def make_torchvision_backbone(
     name: str, norm: BackboneNorm, weights: str | None
-) -> tuple[FastWhenActing, int]:
+) -> tuple[ChannelsLastInEval, int]:
     """A backbone of `NAMES` and its channels; ``norm`` is that of ResNets, the others have layer norms.
 
     Raises:
@@ -39,11 +44,11 @@ def make_torchvision_backbone(
     return VitBody(vit), vit.hidden_dim
 
 
-class SequentialBody(FastWhenActing, nn.Sequential):
+class SequentialBody(ChannelsLastInEval, nn.Sequential):
     """A network up to its last feature map, one cell per 32 x 32 pixels."""
 
 
-class VitBody(FastWhenActing):
+class VitBody(ChannelsLastInEval):
     """A vision transformer's patches after they have looked at each other, as a feature map.
 
     Learned positions belong to the grid of patches of the images that it was made for; other grids get them

@@ -83,7 +83,7 @@ def _check_latent(config: "ActChunkedConfig") -> None:
 def _check_sampling(config: "ActChunkedConfig") -> None:
     if config.execution_settings.execution != "coherence":
         return
-    if not config.samples:
+    if not config.is_stochastic:
         raise ConfigurationError(
             "execution=coherence chooses among sampled chunks, but act_chunked predicts a single one: set "
             "--policy.use_vae=true --policy.z_inference=sample --policy.z_hold=chunk for latents, or "

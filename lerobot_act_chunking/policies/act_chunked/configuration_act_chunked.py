@@ -12,7 +12,7 @@ from lerobot_act_chunking.execution.settings import Mode
 from lerobot_act_chunking.heads.make import HeadSpec
 from lerobot_act_chunking.nn.latents.make import LatentSpec
 from lerobot_act_chunking.policies.act_chunked.checks import check
-from lerobot_act_chunking.policies.act_chunked.presets import preset_values
+from lerobot_act_chunking.policies.act_chunked.presets import FORMER_NAMES, preset_values
 from lerobot_act_chunking.policies.chunked_config import PRESET, ChunkedConfig
 
 
@@ -27,7 +27,7 @@ class ActChunkedConfig(ChunkedConfig):
 
     Attributes (beside those of `ChunkedConfig`):
         preset: ``base`` (ours), ``paper`` (LeRobot's ACT, with its normalisation and its optimiser) or
-            ``lecture`` (observation history, velocities, an autoregressive decoder, a sampled latent).
+            ``autoregressive`` (observation history, velocities, an autoregressive decoder, a sampled latent).
             Pretrained backbone weights are the exception: no preset asks for them.
         execution: how chunks become actions; this and the other fields of execution (``replan_interval``,
             ``latency_steps``, ``temporal_ensemble_coeff``, ...) are those of `ExecutionSettings`. ``base``
@@ -161,6 +161,7 @@ class ActChunkedConfig(ChunkedConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         self.resolve_seconds()
+        self.preset = FORMER_NAMES.get(self.preset, self.preset)
         self.fill_in(preset_values(self))
         check(self)
 
@@ -199,12 +200,12 @@ class ActChunkedConfig(ChunkedConfig):
         return self.action_likelihood == "categorical"
 
     @property
-    def samples(self) -> bool:
+    def is_stochastic(self) -> bool:
         """Whether two chunks for the same observation may differ."""
         return self.action_temperature > 0 or (self.use_vae and self.z_inference == "sample")
 
     @property
-    def learns_at_random(self) -> bool:
+    def training_is_stochastic(self) -> bool:
         """Whether training draws random numbers beside dropout."""
         return (
             self.use_vae

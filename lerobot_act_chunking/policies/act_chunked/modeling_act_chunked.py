@@ -14,12 +14,12 @@ from lerobot_act_chunking.execution.interpolation import upsample
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.nn.augment import random_shift
 from lerobot_act_chunking.nn.autoregressive import corrupt
-from lerobot_act_chunking.nn.history_dropout import forget_past, which_forget
+from lerobot_act_chunking.nn.history_dropout import drop_history, history_dropout_mask
 from lerobot_act_chunking.policies.act_chunked.building import build_network
 from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
 from lerobot_act_chunking.policies.act_chunked.draws import ActingDraws, Draws
-from lerobot_act_chunking.policies.act_chunked.network import ActNetwork, Lesson
-from lerobot_act_chunking.policies.act_chunked.style_lesson import StyleLesson
+from lerobot_act_chunking.policies.act_chunked.network import ActNetwork, TrainingBatch
+from lerobot_act_chunking.policies.act_chunked.vae_loss import VaeLoss
 from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.batch_seeds import BatchSeeds
 from lerobot_act_chunking.policies.chunked_policy import Batch, ChunkedPolicy
@@ -48,8 +48,8 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
 
     def _build(self, backbone_weights: str | None) -> ActNetwork:
         config = self.config
-        self.batch_seeds = BatchSeeds() if config.learns_at_random else None
-        self.style_lesson = StyleLesson(config) if config.use_vae else None
+        self.batch_seeds = BatchSeeds() if config.training_is_stochastic else None
+        self.style_lesson = VaeLoss(config) if config.use_vae else None
         return build_network(config, backbone_weights)
 
     @property
@@ -77,19 +77,19 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
 
         Returns:
             The loss, and its terms as plain numbers: ``l1_loss`` (or that of another likelihood), and with a
-            latent ``kld_loss`` and its health (`StyleLesson`).
+            latent ``kld_loss`` and its health (`VaeLoss`).
 
         Raises:
             FeatureError: naming a key that is missing or has another shape than the policy was built for.
             DatasetError: if the loss is not finite, naming the first key that holds a NaN or an infinity.
         """
         generator = self._next_generator()
-        lesson = self._lesson(batch, generator)
+        training_batch = self._training_batch(batch, generator)
         if self.style_lesson is None:
-            loss = self._network.loss(lesson, None, self.config.pad_normalization)
+            loss = self._network.loss(training_batch, None, self.config.pad_normalization)
             terms = {self.config.loss_name: loss.mean()}
         else:
-            loss, terms = self.style_lesson(self._network, lesson, generator)
+            loss, terms = self.style_lesson(self._network, training_batch, generator)
         metrics = dict(zip(terms, torch.stack(list(terms.values())).tolist(), strict=True))
         require_finite_loss(loss, metrics, batch, self.feature_spec.keys)
         return (loss.mean() if reduction == "mean" else loss), metrics
@@ -100,32 +100,32 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
             return None
         return self.batch_seeds.next_generator(self.model.style_token.device)
 
-    def _lesson(self, batch: Batch, generator: torch.Generator | None) -> Lesson:
+    def _training_batch(self, batch: Batch, generator: torch.Generator | None) -> TrainingBatch:
         config = self.config
         target = ActionTarget.from_lerobot(batch, self.feature_spec, config.chunk_size)
         actions = hold_padding(target.actions, target.is_pad)
         window = Observation.window_from_lerobot(batch, self.feature_spec, config.n_obs_steps, target)
-        taught, shown = actions, None
+        decoder_inputs, mask = actions, None
         if self.training and generator is not None:
             window = self._augmented(window, generator)
             if config.decoder_type == "autoregressive":
                 noise, dropout = config.teacher_noise_std, config.teacher_dropout
-                taught, shown = corrupt(actions, config.actions_per_query, generator, noise, dropout)
+                decoder_inputs, mask = corrupt(actions, config.actions_per_query, generator, noise, dropout)
         state = window.vectors.get(OBS_STATE)
-        return Lesson(
-            seen=self._network.see(window),
+        return TrainingBatch(
+            observation=self._network.encode_observation(window),
             state=None if state is None else state[:, -1],
             target=ActionTarget(actions, target.is_pad),
-            taught=taught,
-            shown=shown,
+            decoder_inputs=decoder_inputs,
+            decoder_input_mask=mask,
         )
 
     def _augmented(self, window: Observation, generator: torch.Generator) -> Observation:
         """The observations as training sees them."""
         if self.config.history_dropout:
-            forget = which_forget(window.batch_size, self.config.history_dropout, generator)
+            forget = history_dropout_mask(window.batch_size, self.config.history_dropout, generator)
             window = Observation(
-                vectors=forget_past(window.vectors, forget), images=forget_past(window.images, forget)
+                vectors=drop_history(window.vectors, forget), images=drop_history(window.images, forget)
             )
         if self.config.random_shift:
             images = {
@@ -190,20 +190,20 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
         config, network = self.config, self._network
         n_predictions = config.timing.predictions_for(n_steps)
         n_queries = math.ceil(n_predictions / config.actions_per_query)
-        seen = network.see(window).repeat(n_samples)
+        seen = network.encode_observation(window).repeat(n_samples)
         latent, actions = (None if each is None else each.to(seen.tokens) for each in draws)
         keyframes = network.act(seen, network.prior(seen, latent), actions, n_queries)[:, :n_predictions]
         steps = upsample(keyframes, config.chunk_stride, config.gripper_dims)[:, :n_steps]
         return steps.unflatten(0, (n_samples, -1))
 
     @torch.no_grad()
-    def _perceive(self, observation: Observation) -> Observation:
+    def _encode_images_on_arrival(self, observation: Observation) -> Observation:
         """Images as features, if each will be needed: encoded as they come, they do not delay the chunk."""
-        if not self._sees_at_once:
+        if not self._encodes_every_frame:
             return observation
         if self.training:
             self.eval()
-        seen = self._network.observation_encoder.look(observation.images)
+        seen = self._network.observation_encoder.image_features(observation.images)
         return Observation(vectors=observation.vectors | seen, images={})
 
     def _reset_draws(self, envs: list[int] | None) -> None:
@@ -218,7 +218,7 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
                 episodes=self._episodes,
             )
             every_frame = 1 < config.n_obs_steps >= config.execution_settings.replan_interval
-            self._sees_at_once = bool(self.feature_spec.images) and every_frame
+            self._encodes_every_frame = bool(self.feature_spec.images) and every_frame
         else:
             self._draws.reset(envs)
 

@@ -17,34 +17,38 @@ from lerobot_act_chunking.nn.style_encoder import StyleEncoder
 from lerobot_act_chunking.nn.transformer import Decoder, Encoder
 
 
-class Seen(NamedTuple):
+class EncodedObservation(NamedTuple):
     """Observations as tokens (B, N, D), and the tokens' positions (N, D)."""
 
     tokens: Tensor
     positions: Tensor
 
-    def repeat(self, n_samples: int) -> "Seen":
+    def repeat(self, n_samples: int) -> "EncodedObservation":
         """The same observations ``n_samples`` times, one copy behind the other."""
-        return self if n_samples == 1 else Seen(self.tokens.repeat(n_samples, 1, 1), self.positions)
+        return (
+            self
+            if n_samples == 1
+            else EncodedObservation(self.tokens.repeat(n_samples, 1, 1), self.positions)
+        )
 
 
 @dataclass(frozen=True)
-class Lesson:
+class TrainingBatch:
     """Observations, and the demonstrated actions that go with them.
 
     Attributes:
-        seen: observations.
+        observation: encoded observations.
         state: the current joint state (B, S), if there is one.
         target: the actions.
-        taught: what an autoregressive decoder is shown of them (B, T, A) ...
-        shown: ... and which queries' actions it is shown (B, Q); None for all.
+        decoder_inputs: actions that an autoregressive decoder gets as inputs (B, T, A).
+        decoder_input_mask: queries whose actions it gets (B, Q); None for all.
     """
 
-    seen: Seen
+    observation: EncodedObservation
     state: Float[Tensor, "B S"] | None
     target: ActionTarget
-    taught: Float[Tensor, "B T A"]
-    shown: Bool[Tensor, "B Q"] | None
+    decoder_inputs: Float[Tensor, "B T A"]
+    decoder_input_mask: Bool[Tensor, "B Q"] | None
 
 
 class ActNetwork(nn.Module):
@@ -74,36 +78,38 @@ class ActNetwork(nn.Module):
         self.decoder = decoder
         self.head = head
 
-    def see(self, window: Observation) -> Seen:
+    def encode_observation(self, window: Observation) -> EncodedObservation:
         """Tokens of observations (B, H, ...)."""
-        return Seen(*self.observation_encoder(window.vectors, window.images))
+        return EncodedObservation(*self.observation_encoder(window.vectors, window.images))
 
-    def posterior(self, lesson: Lesson, noise: Float[Tensor, "B n"]) -> Posterior:
+    def posterior(self, batch: TrainingBatch, noise: Float[Tensor, "B n"]) -> Posterior:
         """The style that the demonstrated actions show. Only with a latent."""
         assert self.style_encoder is not None  # noqa: S101
         assert self.latent is not None  # noqa: S101
-        target, tokens = lesson.target, lesson.seen.tokens
-        parameters = self.style_encoder(target.actions, target.is_pad, lesson.state, tokens)
+        target, tokens = batch.target, batch.observation.tokens
+        parameters = self.style_encoder(target.actions, target.is_pad, batch.state, tokens)
         return self.latent.posterior(parameters, noise, tokens)
 
-    def prior(self, seen: Seen, noise: Float[Tensor, "B n"] | None) -> Float[Tensor, "B L"] | None:
+    def prior(
+        self, observation: EncodedObservation, noise: Float[Tensor, "B n"] | None
+    ) -> Float[Tensor, "B L"] | None:
         """The style to act in: what ``noise`` samples, or the likeliest; None without a latent."""
-        return None if self.latent is None else self.latent.prior(noise, seen.tokens)
+        return None if self.latent is None else self.latent.prior(noise, observation.tokens)
 
     def loss(
-        self, lesson: Lesson, latent: Float[Tensor, "B L"] | None, normalization: PadNormalization
+        self, batch: TrainingBatch, latent: Float[Tensor, "B L"] | None, normalization: PadNormalization
     ) -> Float[Tensor, " B"]:
         """How far off or how unlikely the demonstrated actions are in this style."""
-        memory, positions = self._remember(lesson.seen, latent)
+        memory, positions = self._encode(batch.observation, latent)
         if isinstance(self.decoder, AutoregressiveDecoder):
-            features = self.decoder(memory, positions, lesson.taught, lesson.shown)
+            features = self.decoder(memory, positions, batch.decoder_inputs, batch.decoder_input_mask)
         else:
             features = self.decoder(memory, positions)
-        return self.head.loss(features, lesson.target.actions, lesson.target.is_pad, normalization)
+        return self.head.loss(features, batch.target.actions, batch.target.is_pad, normalization)
 
     def act(
         self,
-        seen: Seen,
+        observation: EncodedObservation,
         latent: Float[Tensor, "B L"] | None,
         draws: Float[Tensor, "B *S"] | None,
         n_queries: int,
@@ -111,24 +117,24 @@ class ActNetwork(nn.Module):
         """Normalised actions of the first ``n_queries`` queries.
 
         Args:
-            seen: observations.
+            observation: encoded observations.
             latent: style to act in; None without one.
             draws: uniform numbers by which the head samples; None for what is likeliest.
             n_queries: number of action queries to decode.
         """
-        memory, positions = self._remember(seen, latent)
+        memory, positions = self._encode(observation, latent)
         act = self.head.actor(draws)
         if isinstance(self.decoder, AutoregressiveDecoder):
             return self.decoder.generate(memory, positions, n_queries, act)
         return act(self.decoder(memory, positions, n_queries))
 
-    def _remember(
-        self, seen: Seen, latent: Float[Tensor, "B L"] | None
+    def _encode(
+        self, observation: EncodedObservation, latent: Float[Tensor, "B L"] | None
     ) -> tuple[Float[Tensor, "B N D"], Float[Tensor, "N D"]]:
         """All tokens after they have looked at each other, and their positions."""
-        style = self.style_token.expand(len(seen.tokens), -1)
+        style = self.style_token.expand(len(observation.tokens), -1)
         if latent is not None and self.style_encoder is not None:
             style = style + self.style_encoder.embed(latent)
-        tokens = torch.cat((style[:, None], seen.tokens), dim=1)
-        positions = torch.cat((self.style_position, seen.positions))
+        tokens = torch.cat((style[:, None], observation.tokens), dim=1)
+        positions = torch.cat((self.style_position, observation.positions))
         return self.encoder(tokens, positions), positions

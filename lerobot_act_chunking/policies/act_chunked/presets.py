@@ -9,14 +9,16 @@ from lerobot_act_chunking.errors import unknown_choice
 if TYPE_CHECKING:
     from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
 
-PRESETS = ("base", "paper", "lecture")
+PRESETS = ("base", "paper", "autoregressive")
+FORMER_NAMES = {"lecture": "autoregressive"}
+"""Presets of earlier checkpoints, by the names that they have there."""
 
 
 def preset_values(config: "ActChunkedConfig") -> dict[str, Any]:
     """Values of every field that a preset decides.
 
-    ``paper`` are LeRobot's ACT defaults, which are the original code's; ``base`` are ours; ``lecture`` is ACT
-    as it is taught: history, velocities, autoregression, a sampled latent.
+    ``paper`` are LeRobot's ACT defaults, which are the original code's; ``base`` are ours; ``autoregressive``
+    has observation history, velocities, an autoregressive decoder and a sampled latent.
 
     Args:
         config: some values follow from fields that are given: widths, and how long a chunk is.
@@ -26,7 +28,7 @@ def preset_values(config: "ActChunkedConfig") -> dict[str, Any]:
     """
     if config.preset not in PRESETS:
         raise unknown_choice("preset", config.preset, PRESETS)
-    of_preset = {"base": _base, "paper": _paper, "lecture": _lecture}[config.preset]
+    of_preset = {"base": _base, "paper": _paper, "autoregressive": _autoregressive}[config.preset]
     return _follow_given(config, {**_COMMON, **of_preset()})
 
 
@@ -106,7 +108,7 @@ def _base() -> dict[str, Any]:
     }
 
 
-def _lecture() -> dict[str, Any]:
+def _autoregressive() -> dict[str, Any]:
     return {
         **_base(),
         "n_obs_steps": 2,

@@ -247,13 +247,13 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
         return steps.unflatten(0, (n_samples, n_envs))
 
     @torch.no_grad()
-    def _perceive(self, observation: Observation) -> Observation:
+    def _encode_images_on_arrival(self, observation: Observation) -> Observation:
         """Images as features, if each will be needed: encoded as they come, they do not delay the chunk."""
-        if not self._sees_at_once:
+        if not self._encodes_every_frame:
             return observation
         if self.training:
             self.eval()
-        seen = self._network.history.look(observation.as_window().images)
+        seen = self._network.history.image_features(observation.as_window().images)
         features = {key: value[:, 0] for key, value in seen.items()}
         return Observation(vectors=observation.vectors | features, images={})
 
@@ -264,7 +264,7 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
             self._draws = CodeDraws(
                 config.noise_seed, self.tokenizer.n_codes, held=held, episodes=self._episodes
             )
-            self._sees_at_once = 1 < config.n_obs_steps >= config.execution_settings.replan_interval
+            self._encodes_every_frame = 1 < config.n_obs_steps >= config.execution_settings.replan_interval
         else:
             self._draws.reset(envs)
 

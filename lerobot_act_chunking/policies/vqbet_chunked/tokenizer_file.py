@@ -28,7 +28,7 @@ TOLERANCE = 1e-5
 
 
 @dataclass(frozen=True)
-class Lessons:
+class TokenizerTraining:
     """How a tokenizer was trained.
 
     Attributes:
@@ -81,7 +81,7 @@ class TokenizerInfo:
     statistics: dict[str, list[float]]
     dataset: str
     n_frames: int
-    lessons: Lessons
+    lessons: TokenizerTraining
 
     @property
     def policy_fields(self) -> dict[str, Any]:
@@ -99,7 +99,7 @@ class TokenizerInfo:
         values = json.loads(text)
         parts = {
             "spec": TokenizerSpec.from_values(values["spec"]),
-            "lessons": Lessons(**values["lessons"]),
+            "lessons": TokenizerTraining(**values["lessons"]),
         }
         return cls(**values | parts)
 

@@ -18,8 +18,8 @@ from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 from lerobot_act_chunking.policies.vqbet_chunked.action_chunks import ActionChunks, read_demonstrations
 from lerobot_act_chunking.policies.vqbet_chunked.presets import preset_values
 from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import (
-    Lessons,
     TokenizerInfo,
+    TokenizerTraining,
     load_tokenizer,
     read_info,
     save_tokenizer,
@@ -66,7 +66,7 @@ class Trained:
 
 
 def plan_training(
-    dataset: Path, preset: str, fields: Mapping[str, Any], lessons: Lessons
+    dataset: Path, preset: str, fields: Mapping[str, Any], lessons: TokenizerTraining
 ) -> tuple[TokenizerInfo, ActionChunks]:
     """What to train, and on what, for a policy with these settings.
 

@@ -93,7 +93,7 @@ def test_the_engine_drives_the_policy_and_begins_anew(name):
     engine = make_engine(policy, robot)
     engine.start()
     first, second = roll_out(engine, robot), roll_out(engine, robot)
-    assert torch.equal(second, first) is not policy.config.samples  # what samples draws anew
+    assert torch.equal(second, first) is not policy.config.is_stochastic  # what samples draws anew
     engine.stop()
     fresh = make_policy(**SETTINGS[name])
     for episode in (first, second):

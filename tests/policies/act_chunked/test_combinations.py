@@ -138,7 +138,7 @@ def test_environments_draw_independently_and_from_generators_of_their_own(case, 
     torch.testing.assert_close(together[:2], torch.cat(alone), rtol=1e-4, atol=1e-5)
     assert torch.equal(torch.get_rng_state(), before)
     differs = (together - together[0]).abs().max() > 1e-4
-    assert differs == policy.config.samples
+    assert differs == policy.config.is_stochastic
 
 
 def test_saved_and_loaded_it_acts_bit_for_bit_the_same(case, policy, tmp_path):

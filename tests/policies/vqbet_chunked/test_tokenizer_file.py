@@ -9,8 +9,8 @@ from safetensors.torch import save_file
 
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import (
-    Lessons,
     TokenizerInfo,
+    TokenizerTraining,
     check_fits,
     check_normalization,
     load_tokenizer,
@@ -30,7 +30,7 @@ INFO = TokenizerInfo(
     statistics=STATISTICS,
     dataset="demos",
     n_frames=40,
-    lessons=Lessons(steps=3),
+    lessons=TokenizerTraining(steps=3),
 )
 
 

@@ -16,7 +16,7 @@ from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError
 from lerobot_act_chunking.policies.vqbet_chunked import tokenizer_training
 from lerobot_act_chunking.policies.vqbet_chunked.action_chunks import ActionChunks, read_demonstrations
-from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import Lessons, read_info
+from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import TokenizerTraining, read_info
 from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_training import plan_training, train_tokenizer
 
 
@@ -206,7 +206,9 @@ def test_the_seed_decides_everything(dataset, tmp_path):
     files = {}
     for name, seed in (("a", 0), ("b", 0), ("c", 1)):
         torch.manual_seed(ord(name))
-        info, chunks = plan_training(dataset, "base", FIELDS, Lessons(steps=2, batch_size=10, seed=seed))
+        info, chunks = plan_training(
+            dataset, "base", FIELDS, TokenizerTraining(steps=2, batch_size=10, seed=seed)
+        )
         train_tokenizer(tmp_path / name, info, chunks)
         files[name] = load_file(tmp_path / name)
     assert all(torch.equal(files["a"][key], files["b"][key]) for key in files["a"])
@@ -219,7 +221,7 @@ REFUSED = [
     ({"tokenizer": "bpe"}, "unknown tokenizer 'bpe'"),
     ({"normalization": "zca"}, "unknown normalization 'ZCA'; choose one of: MIN_MAX, MEAN_STD"),
     ({"steps": 0}, "steps=0 must be at least 1"),
-    ({"preset": "lecture"}, "unknown preset 'lecture'"),
+    ({"preset": "autoregressive"}, "unknown preset 'autoregressive'"),
 ]
 
 
@@ -232,9 +234,9 @@ def test_what_cannot_work_is_refused_before_training(dataset, fields, message):
 @pytest.mark.parametrize(
     ("name", "value"), [("batch_size", 0), ("lr", -1.0), ("weight_decay", -1.0), ("seed", -1)]
 )
-def test_lessons_are_checked(name, value):
+def test_training_settings_are_checked(name, value):
     with pytest.raises(ConfigurationError, match=f"{name}={value} must"):
-        Lessons(**{name: value}).check()
+        TokenizerTraining(**{name: value}).check()
 
 
 def test_a_missing_or_damaged_dataset(tmp_path):

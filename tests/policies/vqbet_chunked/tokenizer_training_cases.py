@@ -3,7 +3,7 @@
 import numpy as np
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
-from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import Lessons
+from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import TokenizerTraining
 from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_training import plan_training
 
 LENGTHS = (9, 14, 11)
@@ -35,4 +35,4 @@ def write_dataset(folder, scale=1.0):
 
 
 def plan(folder, steps=6, preset="base", **fields):
-    return plan_training(folder, preset, FIELDS | fields, Lessons(steps=steps, batch_size=10))
+    return plan_training(folder, preset, FIELDS | fields, TokenizerTraining(steps=steps, batch_size=10))
