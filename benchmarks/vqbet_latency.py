@@ -1,4 +1,4 @@
-"""Time per control step, chunk and training step of `vqbet_chunked`, beside LeRobot's ``vqbet`` and diffusion.
+"""Time per control step, chunk and training step of `vqbet_chunked`, beside LeRobot's vqbet and diffusion.
 
 Both policies of a case get the same observations and take turns, so that whatever else the machine does hits
 both alike. Printed are medians and the median of the paired ratios (below 1: ours is faster). Against

@@ -7,7 +7,8 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from lerobot_act_chunking.nn.attention import Attention
-from lerobot_act_chunking.nn.transformer import DecoderLayer, LayerSpec, init_like_act
+from lerobot_act_chunking.nn.layers import LayerSpec
+from lerobot_act_chunking.nn.transformer import DecoderLayer, init_like_act
 
 Memory = tuple[Float[Tensor, "B H N d"], Float[Tensor, "B H N d"]]  # keys and values of one attention
 

@@ -7,9 +7,10 @@ import torch.nn.functional as F  # noqa: N812
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
+from lerobot_act_chunking.nn.cpu.span import Span, embedded, join
+from lerobot_act_chunking.nn.layers import LayerSpec
 from lerobot_act_chunking.nn.positions import sequence_positions
-from lerobot_act_chunking.nn.span import Span, embedded, join
-from lerobot_act_chunking.nn.transformer import Encoder, LayerSpec
+from lerobot_act_chunking.nn.transformer import Encoder
 
 
 @dataclass(frozen=True)
@@ -81,8 +82,8 @@ class StyleEncoder(nn.Module):
             actions: normalised.
             is_pad: actions behind the episode's end, of which nothing is seen, NaN included.
             state: the current joint state.
-            tokens: of the observation. No gradient goes back into them: what the policy perceives is learned
-                from acting.
+            tokens: of the observation. They are detached, so that the KL term does not train the observation
+                encoder.
         """
         actions, is_pad = pool_actions(actions, is_pad, self.sees.action_stride)
         before = is_pad.new_zeros(len(actions), 1 + (self.state_proj is not None))

@@ -1,145 +1,16 @@
-"""Transformer encoder and DETR-style decoder, in both norm orders.
+"""Transformer encoder and DETR-style decoder.
 
-Positions are added to queries and keys of every layer, never to values (DETR, Carion et al. 2020).
+The layers are those of `nn.layers`, in the form that is faster on a CPU (`nn.cpu`).
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal
-
 import torch
-import torch.nn.functional as F  # noqa: N812
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from lerobot_act_chunking.nn.attention import Attention
-from lerobot_act_chunking.nn.dropout import Dropout, ReluDropout
-from lerobot_act_chunking.nn.linear import Linear, is_plain
-from lerobot_act_chunking.nn.span import Span
-
-Activation = Literal["relu", "gelu"]
-
-
-@dataclass(frozen=True)
-class LayerSpec:
-    """The sizes all layers of one network share.
-
-    Attributes:
-        dim: token width.
-        n_heads: attention heads; divides ``dim``.
-        dim_feedforward: hidden width of the feed-forward branch.
-        dropout: probability, on attention weights, hidden units and every residual branch.
-        activation: of the feed-forward branch.
-        pre_norm: normalise before each branch (stable at high learning rates) instead of after it (as ACT).
-    """
-
-    dim: int
-    n_heads: int
-    dim_feedforward: int
-    dropout: float
-    activation: Activation
-    pre_norm: bool
-
-
-class Residual(nn.Module):
-    """A branch with its skip connection, dropout and norm: the one place that knows both norm orders."""
-
-    def __init__(self, spec: LayerSpec):
-        super().__init__()
-        self.pre_norm = spec.pre_norm
-        self.norm = nn.LayerNorm(spec.dim)
-        self.dropout = Dropout(spec.dropout)
-
-    def add(self, x: Float[Tensor, "#B #N D"], branch: Callable[[Tensor], Tensor]) -> Float[Tensor, "B M D"]:
-        """Add ``branch(x)`` to ``x``. A branch that returns only the first M tokens drops the others."""
-        y = self.dropout(branch(self.norm(x) if self.pre_norm else x))
-        y = x[:, : y.shape[1]] + y
-        return y if self.pre_norm else self.norm(y)
-
-
-class SelfAttention(Residual):
-    """Tokens attend to each other."""
-
-    def __init__(self, spec: LayerSpec):
-        super().__init__(spec)
-        self.attention = Attention(spec.dim, spec.n_heads, spec.dropout)
-
-    def forward(
-        self,
-        x: Float[Tensor, "#B #N D"] | Span,
-        positions: Float[Tensor, "N D"],
-        is_pad: Bool[Tensor, "#B N"] | None = None,
-        n_out: int | None = None,
-        *,
-        causal: bool = False,
-    ) -> Float[Tensor, "B M D"]:
-        """Mix all tokens into the first ``n_out`` (all by default); the others only serve as keys.
-
-        ``causal`` tokens see themselves and those before them.
-        """
-        if isinstance(x, Span):
-            span, x = x, x.tokens()
-            attention = self.attention
-            plain = is_plain(attention.q_proj, attention.k_proj, attention.v_proj)
-            if plain and not (self.pre_norm or n_out or causal):
-                return self.add(x, lambda _: attention.attend_span(span, positions, is_pad))
-
-        def mix(y: Tensor) -> Tensor:
-            placed = y + positions
-            return self.attention(placed[:, :n_out], placed, y, is_pad, causal=causal)
-
-        return self.add(x, mix)
-
-
-class CrossAttention(Residual):
-    """Queries attend to a memory."""
-
-    def __init__(self, spec: LayerSpec):
-        super().__init__(spec)
-        self.attention = Attention(spec.dim, spec.n_heads, spec.dropout)
-
-    def forward(
-        self,
-        x: Float[Tensor, "#B #Q D"],
-        positions: Float[Tensor, "Q D"],
-        memory_keys: Float[Tensor, "B N D"],
-        memory: Float[Tensor, "B N D"],
-    ) -> Float[Tensor, "B Q D"] | Span:
-        """Add to each query what it finds in ``memory``; ``memory_keys`` is ``memory`` with its positions.
-
-        Queries of the same content that find little stay in the span of that.
-        """
-        same = x.shape[:2] == (1, 1) and not self.pre_norm and not (self.training and self.dropout.p)
-        if same and self.attention.factored_is_cheaper(len(positions), memory.shape[1]):
-            found = self.attention.attend_factored(
-                x + positions, *self.attention.project_keys_values(memory_keys, memory)
-            )
-            start = (x + self.attention.out_proj.bias).expand(len(memory), -1, -1)
-            sums = Span(F.pad(found.weights, (0, 1), value=1.0), torch.cat((found.vectors, start), dim=1))
-            return sums.normalized(self.norm)
-        return self.add(x, lambda y: self.attention(y + positions, memory_keys, memory))
-
-
-class FeedForward(Residual):
-    """Two linear layers on every token, with an activation between them."""
-
-    def __init__(self, spec: LayerSpec):
-        super().__init__(spec)
-        self.expand = Linear(spec.dim, spec.dim_feedforward)
-        self.activation = (
-            ReluDropout(spec.dropout)
-            if spec.activation == "relu"
-            else nn.Sequential(nn.GELU(), Dropout(spec.dropout))
-        )
-        self.contract = Linear(spec.dim_feedforward, spec.dim)
-
-    def forward(self, x: Float[Tensor, "B N D"] | Span) -> Float[Tensor, "B N D"]:
-        """Refine every token on its own."""
-        if isinstance(x, Span):
-            span, x = x, x.tokens()
-            if is_plain(self.expand) and not self.pre_norm:
-                return self.add(x, lambda _: self.contract(self.activation(span.through(self.expand))))
-        return self.add(x, lambda y: self.contract(self.activation(self.expand(y))))
+from lerobot_act_chunking.nn.cpu.layers import CrossAttention, FeedForward, SelfAttention
+from lerobot_act_chunking.nn.cpu.span import Tokens
+from lerobot_act_chunking.nn.layers import LayerSpec
 
 
 class EncoderLayer(nn.Module):
@@ -152,12 +23,12 @@ class EncoderLayer(nn.Module):
 
     def forward(
         self,
-        x: Float[Tensor, "B N D"] | Span,
+        x: Tokens,
         positions: Float[Tensor, "N D"],
         is_pad: Bool[Tensor, "B N"] | None = None,
         n_out: int | None = None,
     ) -> Float[Tensor, "B M D"]:
-        """Encode the first ``n_out`` tokens (all by default), which see all others."""
+        """Encode the first ``n_out`` tokens (all by default), which attend to all others."""
         return self.refine(self.mix(x, positions, is_pad, n_out))
 
 
@@ -172,7 +43,7 @@ class Encoder(nn.Module):
 
     def forward(
         self,
-        x: Float[Tensor, "B N D"] | Span,
+        x: Tokens,
         positions: Float[Tensor, "N D"],
         is_pad: Bool[Tensor, "B N"] | None = None,
         n_out: int | None = None,
@@ -202,7 +73,7 @@ class DecoderLayer(nn.Module):
         *,
         causal: bool = False,
     ) -> Float[Tensor, "B Q D"]:
-        """Refine queries ``x`` with what they find in ``memory``; ``causal`` ones do not see later ones."""
+        """Update queries ``x`` from ``memory``; ``causal`` ones do not attend to later ones."""
         if self.mix is not None:
             x = self.mix(x, positions, causal=causal)
         return self.refine(self.read(x, positions, memory_keys, memory))

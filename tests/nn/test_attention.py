@@ -2,6 +2,7 @@ import pytest
 import torch
 
 from lerobot_act_chunking.nn.attention import Attention
+from lerobot_act_chunking.nn.cpu.attention import CpuAttention
 
 B, Q, N, D, H = 3, 5, 7, 16, 2
 
@@ -23,13 +24,13 @@ def reference(attention, queries, keys, values, is_pad=None):
 
 @pytest.fixture(autouse=True)
 def detours_are_worth_it_at_any_size(monkeypatch):
-    monkeypatch.setattr("lerobot_act_chunking.nn.attention._WORTH_A_DETOUR", 0)
+    monkeypatch.setattr("lerobot_act_chunking.nn.cpu.attention._WORTH_A_DETOUR", 0)
 
 
-@pytest.fixture
-def attention():
+@pytest.fixture(params=[Attention, CpuAttention])
+def attention(request):
     torch.manual_seed(0)
-    return Attention(D, H, dropout=0.0)
+    return request.param(D, H, dropout=0.0)
 
 
 def test_equals_the_formula(attention):
@@ -60,44 +61,6 @@ def test_attention_weights_drop_out_in_training_only():
     assert not torch.equal(attention(x, x, x), attention(x, x, x))
     attention.eval()
     torch.testing.assert_close(attention(x, x, x), attention(x, x, x), rtol=0, atol=0)
-
-
-@pytest.mark.parametrize("shared", [True, False])
-def test_a_single_query_is_not_projected_key_by_key(attention, shared, monkeypatch):
-    """The class token of a long sequence meets the keys themselves."""
-    query, keys, values = torch.randn(1 if shared else B, 1, D), torch.randn(B, N, D), torch.randn(B, N, D)
-    is_pad = torch.arange(N) >= torch.tensor([[7], [4], [1]])
-    expected = reference_of_one(attention, query, keys, values, is_pad)
-    monkeypatch.setattr(Attention, "project_keys_values", None)
-    torch.testing.assert_close(attention(query, keys, values, is_pad), expected)
-
-
-def reference_of_one(attention, query, keys, values, is_pad):
-    return reference(attention, query.expand(-1, Q, -1), keys, values, is_pad)[:, :1]
-
-
-def test_a_single_query_with_dropout_counts_the_bias_of_what_is_left():
-    torch.manual_seed(0)
-    attention = Attention(D, H, dropout=0.4)
-    query, keys = torch.randn(B, 1, D), torch.randn(B, N, D)
-    torch.nn.init.normal_(attention.v_proj.bias)
-    outputs = []
-    for look in (
-        attention.forward,
-        lambda *x: attention.attend(x[0], *attention.project_keys_values(*x[1:])),
-    ):
-        torch.manual_seed(1)
-        outputs.append(look(query, keys, keys))
-    torch.testing.assert_close(*outputs)
-
-
-def test_more_queries_than_keys_of_all_heads(attention, monkeypatch):
-    """What each key brings is projected, not what each query found."""
-    queries, keys, values = torch.randn(1, 9, D), torch.randn(B, 4, D), torch.randn(B, 4, D)
-    assert attention.factored_is_cheaper(9, 4)
-    few = attention(queries, keys, values)
-    monkeypatch.setattr(Attention, "factored_is_cheaper", lambda *_: False)
-    torch.testing.assert_close(few, attention(queries, keys, values))
 
 
 class Adapted(torch.nn.Module):

@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from lerobot_act_chunking.nn.autoregressive import AutoregressiveDecoder, corrupt
-from lerobot_act_chunking.nn.transformer import LayerSpec
+from lerobot_act_chunking.nn.layers import LayerSpec
 
 B, N, Q, A, D = 3, 7, 4, 2, 16
 

@@ -1,7 +1,8 @@
 import pytest
 import torch
 
-from lerobot_act_chunking.nn.dropout import Dropout, ReluDropout, keep_mask
+from lerobot_act_chunking.nn.cpu.relu_dropout import ReluDropout
+from lerobot_act_chunking.nn.dropout import Dropout, keep_mask
 
 
 @pytest.mark.parametrize("p", [0.1, 0.5, 0.93])

@@ -1,8 +1,8 @@
 import pytest
 import torch
 
+from lerobot_act_chunking.nn.layers import LayerSpec
 from lerobot_act_chunking.nn.style_encoder import StyleEncoder, StyleInput, pool_actions
-from lerobot_act_chunking.nn.transformer import LayerSpec
 
 B, T, A, S, D, L, P, V, N = 3, 5, 4, 6, 16, 8, 7, 2, 9
 SPEC = LayerSpec(dim=D, n_heads=2, dim_feedforward=24, dropout=0.0, activation="gelu", pre_norm=True)

@@ -3,9 +3,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from lerobot_act_chunking.nn.attention import Attention
-from lerobot_act_chunking.nn.span import Span
-from lerobot_act_chunking.nn.transformer import Decoder, Encoder, FeedForward, LayerSpec, Residual
+from lerobot_act_chunking.nn.layers import LayerSpec, Residual
+from lerobot_act_chunking.nn.transformer import Decoder, Encoder, FeedForward
 
 B, N, D = 3, 7, 16
 SPEC = LayerSpec(dim=D, n_heads=2, dim_feedforward=24, dropout=0.0, activation="relu", pre_norm=False)
@@ -107,37 +106,3 @@ def test_matrices_start_in_the_range_of_a_joint_query_key_value_projection():
     for projection in (attention.q_proj, attention.k_proj, attention.v_proj):
         assert 0.98 * limit < projection.weight.abs().max() <= limit
     assert attention.q_proj.bias.abs().max() == 0
-
-
-def gradients_and_output(output, *parameters):
-    return output, torch.autograd.grad(output.square().sum(), parameters)
-
-
-def test_tokens_in_a_span_are_encoded_like_any(spec):
-    encoder = shaken(Encoder(spec, n_layers=2)).double()
-    vectors, positions = torch.randn(4, D, dtype=torch.double, requires_grad=True), torch.randn(N, D).double()
-    span = Span(torch.randn(B, N, 4).double(), vectors)
-    is_pad = torch.arange(N) >= torch.tensor([[7], [4], [2]])
-    results = [
-        gradients_and_output(encoder(x, positions, is_pad), vectors, *encoder.parameters())
-        for x in (span, span.tokens())
-    ]
-    torch.testing.assert_close(*results)
-
-
-@pytest.mark.parametrize("n_layers", [1, 2])
-def test_many_queries_that_read_few_tokens_are_the_same(spec, n_layers, monkeypatch):
-    """Also when the first layer's queries are then kept as combinations of what those tokens bring."""
-    monkeypatch.setattr("lerobot_act_chunking.nn.attention._WORTH_A_DETOUR", 0)
-    decoder = shaken(Decoder(spec, n_layers, n_queries=12)).double()
-    memory, positions = (
-        torch.randn(B, 3, D, dtype=torch.double, requires_grad=True),
-        torch.randn(3, D).double(),
-    )
-    results = []
-    for few in (True, False):
-        with monkeypatch.context() as patch:
-            if not few:
-                patch.setattr(Attention, "factored_is_cheaper", lambda *_: False)
-            results.append(gradients_and_output(decoder(memory, positions), memory, *decoder.parameters()))
-    torch.testing.assert_close(*results)

@@ -9,9 +9,10 @@ from lerobot_act_chunking.nn.autoregressive import AutoregressiveDecoder
 from lerobot_act_chunking.nn.camera_summary import CameraSummaries
 from lerobot_act_chunking.nn.latents.latent import Latent
 from lerobot_act_chunking.nn.latents.make import make_latent
+from lerobot_act_chunking.nn.layers import Activation, LayerSpec
 from lerobot_act_chunking.nn.observation import CameraTokens, ObservationEncoder, VectorTokens
 from lerobot_act_chunking.nn.style_encoder import StyleEncoder, StyleInput
-from lerobot_act_chunking.nn.transformer import Activation, Decoder, Encoder, LayerSpec
+from lerobot_act_chunking.nn.transformer import Decoder, Encoder
 from lerobot_act_chunking.nn.velocity import FiniteDifferences
 from lerobot_act_chunking.nn.vision import make_backbone
 from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig

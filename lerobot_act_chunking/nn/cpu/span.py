@@ -56,3 +56,7 @@ def join(*spans: Span) -> Span:
         weights.append(F.pad(span.weights, (start, n_vectors - end)))
         start = end
     return Span(torch.cat(weights, dim=1), torch.cat([span.vectors for span in spans]))
+
+
+Tokens = Float[Tensor, "B N D"] | Span
+"""A sequence of tokens, in either form."""

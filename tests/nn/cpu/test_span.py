@@ -2,7 +2,7 @@ import pytest
 import torch
 from torch import nn
 
-from lerobot_act_chunking.nn.span import Span, embedded, join
+from lerobot_act_chunking.nn.cpu.span import Span, embedded, join
 
 B, N, R, D = 3, 7, 4, 16
 
