@@ -70,9 +70,9 @@ def test_choices_do_not_follow_the_latents():
     source = ActingDraws(3, n_noise=NUMBERS, draws_shape=(NUMBERS,), hold_steps=0)
     latent, actions = source.draw(1)
     generator = torch.Generator()
-    (own,) = source._latents.generators(1, [0])
+    (own,) = source._latents.source.generators(1, [0])
     generator.manual_seed(own.initial_seed())
-    generator_of_choices = source._choices.generators(1, [0])[0]
+    generator_of_choices = source._choices.source.generators(1, [0])[0]
     assert generator_of_choices.initial_seed() != own.initial_seed()
     same_stream = torch.rand(NUMBERS, generator=generator)
     assert correlation(actions, same_stream) < 0.1

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import torch
+from jaxtyping import Float
 from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor, nn
 
@@ -14,6 +15,7 @@ from lerobot_act_chunking.data.batch import Observation, has_time_axis
 from lerobot_act_chunking.data.window import ObservationWindow
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.executor import ChunkExecutor
+from lerobot_act_chunking.execution.interpolation import upsample
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.nn.ema import WeightAverage
 from lerobot_act_chunking.policies import late_chunks
@@ -161,9 +163,27 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
         window.push(self._encode_images_on_arrival(Observation.from_lerobot(batch, self.feature_spec)))
         return window.stack()
 
+    @torch.no_grad()
     def _encode_images_on_arrival(self, observation: Observation) -> Observation:
-        """What the window keeps of the current observation (B, ...); a policy may keep features of images."""
-        return observation
+        """Images as features, if every frame will be needed: encoded early, they do not delay the chunk."""
+        if not self._encodes_every_frame:
+            return observation
+        if self.training:
+            self.eval()
+        features = self._image_features(observation)
+        if features is None:
+            return observation
+        return Observation(vectors=observation.vectors | features, images={})
+
+    def _image_features(self, observation: Observation) -> dict[str, Tensor] | None:
+        """Features (B, ...) that the network takes in place of the images; None if it takes images alone."""
+        return None
+
+    def _control_steps(self, predictions: Float[Tensor, "n T A"], n_steps: int) -> Float[Tensor, "n K A"]:
+        """The first ``n_steps`` from now on, interpolated between predictions."""
+        config = self.config
+        needed = predictions[:, config.timing.past_steps :][:, : config.timing.predictions_for(n_steps)]
+        return upsample(needed, config.chunk_stride, config.gripper_dims)[:, :n_steps]
 
     def reset(
         self, envs: Sequence[int] | Tensor | None = None, *, episode_seeds: Sequence[int] | None = None
@@ -187,6 +207,8 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
             # LeRobot and its tools look for a queue under this name to learn when the next inference is due.
             self._action_queue = ChunkExecutor(self.config.execution_settings)
             self._window = self._fresh_window()
+            every_frame = 1 < self.config.n_obs_steps >= self.config.execution_settings.replan_interval
+            self._encodes_every_frame = every_frame and bool(self.feature_spec.images)
         else:
             envs = indices(envs)
             self._action_queue.reset(envs)

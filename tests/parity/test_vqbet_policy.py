@@ -14,9 +14,9 @@ from test_vqbet_parts import shaken
 from torch.func import functional_call
 from vqbet_weights import convert
 
-from lerobot_act_chunking.policies.vqbet_chunked.code_draws import CodeDraws
 from lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked import VqbetChunkedConfig
 from lerobot_act_chunking.policies.vqbet_chunked.modeling_vqbet_chunked import VqbetChunkedPolicy
+from lerobot_act_chunking.sampling.held_draws import HeldDraws
 
 B, C, A, S, G, M = 2, 5, 4, 6, 2, 8
 IMAGE, STATE = "observation.image", "observation.state"
@@ -177,7 +177,7 @@ def test_the_same_actions_over_a_rollout(monkeypatch):
     numbers = torch.rand(B, len(ours.windows), G, generator=torch.Generator().manual_seed(3))
     draw_with(monkeypatch, numbers)
     current = numbers[None, :, ours.config.n_obs_steps - 1]
-    monkeypatch.setattr(CodeDraws, "draw", lambda *_, **__: current)
+    monkeypatch.setattr(HeldDraws, "draw", lambda *_, **__: current)
     for observation in observations(2 * C + 2):
         expected = theirs.select_action(dict(observation))
         torch.testing.assert_close(ours.select_action(observation), expected, rtol=1e-4, atol=1e-5)

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from tiers import draws
 
 from lerobot_act_chunking.policies.act_chunked.draws import ActingDraws
-from lerobot_act_chunking.policies.vqbet_chunked.code_draws import CodeDraws
 from lerobot_act_chunking.sampling.episodes import Episodes
+from lerobot_act_chunking.sampling.held_draws import HeldDraws
 from lerobot_act_chunking.sampling.noise import NoiseHold, NoiseSource
 
 N_ENVS, N = 4, 6
@@ -65,7 +65,8 @@ class Codes:
     """`vqbet_chunked`'s draws."""
 
     def __init__(self, seed, episodes, held):
-        self.draws = CodeDraws(seed, N, held=held, episodes=episodes)
+        hold_steps = math.inf if held else 0.0
+        self.draws = HeldDraws(NoiseSource(seed, episodes), (N,), torch.rand, hold_steps=hold_steps)
 
     def reset(self, envs):
         self.draws.reset(envs)

@@ -10,7 +10,6 @@ from torch import Tensor, nn
 
 from lerobot_act_chunking.data.batch import ActionTarget, Observation
 from lerobot_act_chunking.data.masking import hold_padding
-from lerobot_act_chunking.execution.interpolation import upsample
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.nn.augment import random_shift
 from lerobot_act_chunking.nn.autoregressive import corrupt
@@ -188,23 +187,14 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
     ) -> Float[Tensor, "N n K A"]:
         """The first ``n_steps`` of the chunks that these draws make."""
         config, network = self.config, self._network
-        n_predictions = config.timing.predictions_for(n_steps)
-        n_queries = math.ceil(n_predictions / config.actions_per_query)
-        seen = network.encode_observation(window).repeat(n_samples)
-        latent, actions = (None if each is None else each.to(seen.tokens) for each in draws)
-        keyframes = network.act(seen, network.prior(seen, latent), actions, n_queries)[:, :n_predictions]
-        steps = upsample(keyframes, config.chunk_stride, config.gripper_dims)[:, :n_steps]
-        return steps.unflatten(0, (n_samples, -1))
+        n_queries = math.ceil(config.timing.predictions_for(n_steps) / config.actions_per_query)
+        encoded = network.encode_observation(window).repeat(n_samples)
+        latent, actions = (None if each is None else each.to(encoded.tokens) for each in draws)
+        predictions = network.act(encoded, network.prior(encoded, latent), actions, n_queries)
+        return self._control_steps(predictions, n_steps).unflatten(0, (n_samples, -1))
 
-    @torch.no_grad()
-    def _encode_images_on_arrival(self, observation: Observation) -> Observation:
-        """Images as features, if each will be needed: encoded as they come, they do not delay the chunk."""
-        if not self._encodes_every_frame:
-            return observation
-        if self.training:
-            self.eval()
-        seen = self._network.observation_encoder.image_features(observation.images)
-        return Observation(vectors=observation.vectors | seen, images={})
+    def _image_features(self, observation: Observation) -> dict[str, Tensor]:
+        return self._network.observation_encoder.image_features(observation.images)
 
     def _reset_draws(self, envs: list[int] | None) -> None:
         if envs is None:
@@ -217,8 +207,6 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
                 hold_steps=config.hold_steps,
                 episodes=self._episodes,
             )
-            every_frame = 1 < config.n_obs_steps >= config.execution_settings.replan_interval
-            self._encodes_every_frame = bool(self.feature_spec.images) and every_frame
         else:
             self._draws.reset(envs)
 

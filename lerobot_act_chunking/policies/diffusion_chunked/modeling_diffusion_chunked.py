@@ -10,7 +10,6 @@ from lerobot_act_chunking.compat import check_rtc_mode
 from lerobot_act_chunking.data.batch import ActionTarget, Observation
 from lerobot_act_chunking.data.masking import hold_padding, per_sample_error
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.execution.interpolation import upsample
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.chunked_policy import Batch, ChunkedPolicy
@@ -166,12 +165,6 @@ class DiffusionChunkedPolicy(ChunkedPolicy[DiffusionChunkedConfig, DiffusionNetw
         keyframes = self._sample(window, envs, n_samples, noise=noise, plan=plan, start=start)
         chunks = self._control_steps(keyframes.flatten(0, 1), n_steps)
         return chunks if settings.n_samples is None else chunks.unflatten(0, (n_samples, -1))
-
-    def _control_steps(self, predictions: Float[Tensor, "n T A"], n_steps: int) -> Float[Tensor, "n K A"]:
-        """The first ``n_steps`` from now on, interpolated between predictions."""
-        config = self.config
-        needed = predictions[:, config.timing.past_steps :][:, : config.timing.predictions_for(n_steps)]
-        return upsample(needed, config.chunk_stride, config.gripper_dims)[:, :n_steps]
 
     def _current_plan(self, envs: Environments) -> Plan | None:
         steps, covered = self._action_queue.plan(envs)

@@ -1,6 +1,7 @@
 """The `vqbet_chunked` policy: codes and offsets in LeRobot's contract."""
 
 import logging
+import math
 from typing import Any, Literal
 
 import torch
@@ -9,17 +10,17 @@ from torch import Tensor, nn
 
 from lerobot_act_chunking.data.batch import ACTION, ActionTarget, Observation
 from lerobot_act_chunking.data.masking import hold_padding, per_sample_error
-from lerobot_act_chunking.execution.interpolation import upsample
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.heads.codes import focal_loss
 from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.chunked_policy import Batch, ChunkedPolicy
 from lerobot_act_chunking.policies.finite_loss import require_finite_actions, require_finite_loss
-from lerobot_act_chunking.policies.vqbet_chunked.code_draws import CodeDraws
 from lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked import VqbetChunkedConfig
 from lerobot_act_chunking.policies.vqbet_chunked.network import VqbetNetwork, build_network
 from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import load_for
 from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_phase import TokenizerPhase
+from lerobot_act_chunking.sampling.held_draws import HeldDraws
+from lerobot_act_chunking.sampling.noise import NoiseSource
 from lerobot_act_chunking.tokenizers.make import make_tokenizer
 
 logger = logging.getLogger(__name__)
@@ -237,34 +238,22 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
             logger.warning(
                 "the tokenizer has not learned yet (training step %d)", self.tokenizer_phase.n_learned
             )
-        config, n_envs = self.config, window.batch_size
+        n_envs = window.batch_size
         draws = self._draws.draw(n_envs, envs=envs, n_samples=n_samples) if noise is None else noise
         features = self._network.current(window).repeat(n_samples, 1)
         codes = self._pick(features, draws.flatten(0, 1).to(features))
         predictions = self._network.actions(features, codes, self.tokenizer)
-        needed = predictions[:, : config.timing.predictions_for(n_steps)]
-        steps = upsample(needed, config.chunk_stride, config.gripper_dims)[:, :n_steps]
-        return steps.unflatten(0, (n_samples, n_envs))
+        return self._control_steps(predictions, n_steps).unflatten(0, (n_samples, n_envs))
 
-    @torch.no_grad()
-    def _encode_images_on_arrival(self, observation: Observation) -> Observation:
-        """Images as features, if each will be needed: encoded as they come, they do not delay the chunk."""
-        if not self._encodes_every_frame:
-            return observation
-        if self.training:
-            self.eval()
-        seen = self._network.history.image_features(observation.as_window().images)
-        features = {key: value[:, 0] for key, value in seen.items()}
-        return Observation(vectors=observation.vectors | features, images={})
+    def _image_features(self, observation: Observation) -> dict[str, Tensor]:
+        features = self._network.history.image_features(observation.as_window().images)
+        return {key: value[:, 0] for key, value in features.items()}
 
     def _reset_draws(self, envs: list[int] | None) -> None:
         if envs is None:
-            config = self.config
-            held = config.code_hold == "episode"
-            self._draws = CodeDraws(
-                config.noise_seed, self.tokenizer.n_codes, held=held, episodes=self._episodes
-            )
-            self._encodes_every_frame = 1 < config.n_obs_steps >= config.execution_settings.replan_interval
+            source = NoiseSource(self.config.noise_seed, self._episodes)
+            hold_steps = math.inf if self.config.code_hold == "episode" else 0.0
+            self._draws = HeldDraws(source, (self.tokenizer.n_codes,), torch.rand, hold_steps=hold_steps)
         else:
             self._draws.reset(envs)
 

@@ -1,12 +1,15 @@
+import math
+
 import torch
 
-from lerobot_act_chunking.policies.vqbet_chunked.code_draws import CodeDraws
+from lerobot_act_chunking.sampling.held_draws import HeldDraws
+from lerobot_act_chunking.sampling.noise import NoiseSource
 
 G = 4
 
 
-def draws(**settings):
-    return CodeDraws(**{"seed": 0, "n_codes": G, "held": False, **settings})
+def draws(hold_steps=0.0, seed=0):
+    return HeldDraws(NoiseSource(seed), (G,), torch.rand, hold_steps=hold_steps)
 
 
 def test_numbers_lie_in_the_unit_interval_and_differ():
@@ -33,9 +36,15 @@ def test_a_reset_environment_begins_anew_and_others_go_on():
 
 
 def test_held_numbers_last_until_the_reset():
-    held = draws(held=True)
+    held = draws(math.inf)
     first = held.draw(3, n_samples=2)
     assert torch.equal(held.draw(3, n_samples=2), first)
     held.reset()
     assert torch.equal(held.draw(3, n_samples=2), first)  # as a fresh one
-    assert not torch.equal(draws(held=True, seed=1).draw(3, n_samples=2), first)
+    assert not torch.equal(draws(math.inf, seed=1).draw(3, n_samples=2), first)
+
+
+def test_numbers_are_held_for_so_many_steps():
+    held = draws(hold_steps=3.0)
+    drawn = [held.draw(2, step=step) for step in range(7)]
+    assert [torch.equal(drawn[step], drawn[step + 1]) for step in range(6)] == [True, True, False] * 2
