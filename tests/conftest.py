@@ -19,6 +19,5 @@ CHECKED = (
     "policies.diffusion_chunked.denoising",
     "policies.diffusion_chunked.plan",
     "policies.vqbet_chunked.network",
-    "policies.vqbet_chunked.code_draws",
 )
 install_import_hook([f"lerobot_act_chunking.{module}" for module in CHECKED], "beartype.beartype")

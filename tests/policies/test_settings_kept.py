@@ -6,8 +6,9 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 import pytest
+from cases_act_chunked import ACT
 from lerobot.configs import NormalizationMode, PreTrainedConfig
-from policy_cases import ACT, SIZES
+from policy_cases import SIZES
 from tiers import draws
 
 from lerobot_act_chunking.errors import ConfigurationError

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 import torch
+from cases_diffusion_chunked import DIFFUSION
 from fake_robot import JOINTS, FakeRobot
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.policies.factory import make_pre_post_processors
@@ -16,7 +17,6 @@ from lerobot.rollout.inference.rtc import RTCInferenceEngine
 from lerobot.rollout.robot_wrapper import ThreadSafeRobot
 from lerobot.rollout.strategies.base import BaseStrategy
 from lerobot.utils.feature_utils import hw_to_dataset_features
-from policy_cases import DIFFUSION
 
 from lerobot_act_chunking.errors import ConfigurationError, FeatureError
 from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked import (
