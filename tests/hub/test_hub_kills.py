@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from huggingface_hub import scan_cache_dir
 from push_process import version_of
+from tiers import full_tier
 
 from lerobot_act_chunking.hub import collecting
 from lerobot_act_chunking.hub.names import RepoName
@@ -93,6 +94,7 @@ def test_killed_pushes_leave_the_previous_revision(tmp_path: Path):
     assert_kills_are_harmless(LocalHub(tmp_path / "hub"), kills=2, size=4_000_000)
 
 
+@full_tier
 @pytest.mark.slow
 @pytest.mark.usefixtures("small_folder")
 @pytest.mark.timeout(900)

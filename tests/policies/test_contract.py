@@ -8,12 +8,19 @@ import torch
 from lerobot.configs import PreTrainedConfig
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from policy_cases import CASES, WRAPPED, A, B, T
+from tiers import full_tier
 from torch.nn.parallel import DistributedDataParallel
 
 from lerobot_act_chunking.errors import FeatureError
 
+ALL = [*CASES, WRAPPED]
 
-@pytest.fixture(params=[*CASES, WRAPPED], ids=lambda case: f"{case.type}-{case.name}")
+
+def case_id(case):
+    return f"{case.type}-{case.name}"
+
+
+@pytest.fixture(params=ALL, ids=case_id)
 def case(request):
     return request.param
 
@@ -261,8 +268,19 @@ def test_the_config_survives_json_and_the_command_line(case, tmp_path):
     assert draccus.encode(changed, PreTrainedConfig)["type"] == case.type
 
 
-def test_it_learns_eight_samples_by_heart(case):
-    policy = case.larger_policy()
+LEARNS_IN_THE_GATE = {"state", "vectors"}
+"""Names of cases; the others take minutes together and learn in `.ci/full`."""
+
+
+@pytest.mark.parametrize(
+    "learner",
+    [
+        pytest.param(case, id=case_id(case), marks=() if case.name in LEARNS_IN_THE_GATE else full_tier)
+        for case in ALL
+    ],
+)
+def test_it_learns_eight_samples_by_heart(learner):
+    case, policy = learner, learner.larger_policy()
     batch = {key: plain(value) if "image" in key else value for key, value in case.batch(8).items()}
     optimizer = torch.optim.AdamW([p for p in policy.parameters() if p.requires_grad], lr=3e-3)
     first = chunk_error(policy, batch)
