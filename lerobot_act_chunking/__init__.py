@@ -4,7 +4,7 @@
 
 The names of ``__all__`` are the public interface. Each is imported when it is first used, so that importing
 this package stays cheap: it registers the Gymnasium environments and loads neither torch nor LeRobot.
-LeRobot's commands import ``lerobot_act_chunking.plugin`` through the discovery shim, which registers the rest.
+LeRobot's commands import ``lerobot_act_chunking.plugin`` by the discovery shim, which registers the rest.
 """
 
 from importlib import import_module
