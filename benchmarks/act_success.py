@@ -1,4 +1,4 @@
-"""How well `act_chunked` does its tasks, and what its parts are for: the tables of docs/act.md.
+"""How well `act_chunked` does its tasks, and what its parts are for: the tables of docs/policies/act.md.
 
     OMP_NUM_THREADS=1 python benchmarks/act_success.py --studies headline lerobot
     OMP_NUM_THREADS=1 python benchmarks/act_success.py --studies likelihoods --tasks insertion

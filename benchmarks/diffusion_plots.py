@@ -1,4 +1,4 @@
-"""The picture and the tables of docs/diffusion.md, from what benchmarks/diffusion_success.py wrote.
+"""The picture and the tables of docs/policies/diffusion.md, from what benchmarks/diffusion_success.py wrote.
 
     python benchmarks/diffusion_plots.py
 

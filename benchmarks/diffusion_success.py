@@ -1,4 +1,4 @@
-"""How well `diffusion_chunked` does its tasks, and with how many steps: the tables of docs/diffusion.md.
+"""How well `diffusion_chunked` does its tasks, with how many steps: tables of docs/policies/diffusion.md.
 
     OMP_NUM_THREADS=1 python benchmarks/diffusion_success.py
     OMP_NUM_THREADS=1 python benchmarks/diffusion_success.py --studies variants --tasks insertion

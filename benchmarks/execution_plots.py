@@ -1,4 +1,4 @@
-"""The pictures and tables of docs/execution-study.md, from what the two studies wrote.
+"""The pictures and tables of docs/studies/execution-study.md, from what the two studies wrote.
 
     python benchmarks/execution_plots.py
 

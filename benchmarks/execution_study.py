@@ -1,4 +1,4 @@
-"""What chunk execution does to success, smoothness and network calls: the tables of docs/execution-study.md.
+"""Chunk execution, success, smoothness and network calls: the tables of docs/studies/execution-study.md.
 
     python benchmarks/execution_study.py [--tasks transfer_cube insertion] [--episodes 200]
 

@@ -1,4 +1,4 @@
-"""How well policies move the Fetch arm: the tables of docs/robotics.md.
+"""How well policies move the Fetch arm: the tables of docs/guides/robotics.md.
 
     OMP_NUM_THREADS=1 python benchmarks/fetch.py
     OMP_NUM_THREADS=1 python benchmarks/fetch.py --studies execution --tasks FetchPush-v4

@@ -2,7 +2,7 @@
 
     python benchmarks/fetch_experts.py
 
-Every episode is played as the recorder would. Prints a table for docs/robotics.md.
+Every episode is played as the recorder would. Prints a table for docs/guides/robotics.md.
 """
 
 import argparse

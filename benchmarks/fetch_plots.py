@@ -1,4 +1,4 @@
-"""The picture and the tables of docs/robotics.md, from what benchmarks/fetch.py wrote.
+"""The picture and the tables of docs/guides/robotics.md, from what benchmarks/fetch.py wrote.
 
     python benchmarks/fetch_plots.py
 

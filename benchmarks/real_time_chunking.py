@@ -1,4 +1,4 @@
-"""Chunks that come late: success and chunk boundaries under inference delays, docs/real-time-chunking.md.
+"""Chunks that come late: success and chunk boundaries under delays, docs/guides/real-time-chunking.md.
 
     python benchmarks/real_time_chunking.py --task insertion --policy "8000 steps=PATH/pretrained_model"
 

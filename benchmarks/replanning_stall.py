@@ -1,4 +1,4 @@
-"""Why policies stall when they replan often: the experiments of docs/execution-study.md.
+"""Why policies stall when they replan often: the experiments of docs/studies/execution-study.md.
 
     python benchmarks/replanning_stall.py [--episodes 200]
 

@@ -1,4 +1,4 @@
-"""Where the recipe of docs/vqbet.md fails: how far from the demonstrations those episodes begin.
+"""Where the recipe of docs/policies/vqbet.md fails: how far from the demonstrations those episodes begin.
 
     python benchmarks/vqbet_failures.py        # after benchmarks/vqbet_success.py --studies recipe
 

@@ -1,4 +1,4 @@
-"""How well `vqbet_chunked` does its tasks, and what its parts are for: the tables of docs/vqbet.md.
+"""How well `vqbet_chunked` does its tasks, and what its parts are for: the tables of docs/policies/vqbet.md.
 
     OMP_NUM_THREADS=1 python benchmarks/vqbet_success.py --studies recipe
     OMP_NUM_THREADS=1 python benchmarks/vqbet_success.py --studies tokenizers parts sampling --tasks insertion

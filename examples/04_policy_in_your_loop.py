@@ -2,11 +2,7 @@
 
 import argparse
 
-import gymnasium as gym
-import torch
-
-import lerobot_act_chunking  # noqa: F401  (registers the Gymnasium ids)
-from lerobot_act_chunking.policies.loading import load_policy
+import lerobot_act_chunking as ac
 
 
 def main() -> None:
@@ -16,21 +12,13 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=400)
     args = parser.parse_args()
 
-    policy, preprocessor, postprocessor = load_policy(args.policy)
-    env = gym.make("aloha_sim/TransferCube-v0", obs_type="state")
+    policy = ac.load_policy(args.policy)
+    env = ac.make_env("transfer_cube", obs_type="state")
     observation, info = env.reset(seed=args.seed)
     policy.reset()  # forgets the chunk of an earlier episode
     steps, done = 0, False
     while steps < args.steps and not done:
-        batch = preprocessor(
-            {
-                "observation.state": torch.from_numpy(observation["agent_pos"]).float(),
-                "observation.environment_state": torch.from_numpy(observation["environment_state"]).float(),
-            }
-        )
-        with torch.inference_mode():
-            action = postprocessor(policy.select_action(batch))[0]
-        observation, _reward, terminated, truncated, info = env.step(action.numpy())
+        observation, _reward, terminated, truncated, info = env.step(policy.act(observation))
         steps, done = steps + 1, terminated or truncated
     env.close()
     print(f"{'success' if info['is_success'] else 'no success'} after {steps} steps")

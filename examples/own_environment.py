@@ -1,4 +1,4 @@
-"""A MuJoCo environment of your own in one file: a puck is to reach a dot. See docs/own-environment.md."""
+"""Your own MuJoCo environment in one file: a puck is to reach a dot. See docs/guides/own-environment.md."""
 
 from dataclasses import dataclass
 

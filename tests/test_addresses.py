@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "lerobot_act_chunking"
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 MODULES = sorted(PACKAGE.rglob("*.py"))
 FOLDERS = {path.name for path in PACKAGE.iterdir() if path.is_dir()}
 
@@ -38,13 +38,13 @@ def exists(name, beside):
     return any(any(place.glob(name)) if "*" in name else (place / name).exists() for place in places)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_paths_that_pages_name_exist(page):
     named = [name for name in named_paths(page.read_text()) if not name.startswith("outputs")]
     assert [name for name in named if not exists(name, page.parent)] == []
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_links_lead_somewhere(page):
     text = page.read_text()
     for target in re.findall(r"\]\((?!https?:)([^)\s]+)\)", text):
@@ -56,7 +56,7 @@ def test_links_lead_somewhere(page):
             assert heading in {re.sub(r"[^\w -]", "", each.lower()).replace(" ", "-") for each in titles}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_every_heading_stands_alone(page):
     lines = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.M | re.S).splitlines()
     glued = [line for before, line in itertools.pairwise(lines) if line.startswith("#") and before]

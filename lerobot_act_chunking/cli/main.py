@@ -17,6 +17,7 @@ from lerobot_act_chunking.cli.motion import motion_command
 from lerobot_act_chunking.cli.quickstart import quickstart_command
 from lerobot_act_chunking.cli.record import record_command
 from lerobot_act_chunking.cli.resolution import resolution_command
+from lerobot_act_chunking.cli.settings import settings_command
 from lerobot_act_chunking.cli.smoothness import smoothness_command
 from lerobot_act_chunking.cli.steps import steps_command
 from lerobot_act_chunking.cli.train_tokenizer import train_tokenizer_command
@@ -45,6 +46,7 @@ app.command("train-tokenizer")(train_tokenizer_command)
 app.command("fit-prior")(fit_prior_command)
 app.command("import")(import_command)
 app.command("wrap")(wrap_command)
+app.command("settings")(settings_command)
 app.command("motion")(motion_command)
 app.command("smoothness")(smoothness_command)
 app.command("bandwidth")(bandwidth_command)

@@ -47,7 +47,7 @@ class ExecutionSettings:
 
     Attributes:
         chunk_size: K, what a predicted chunk covers [control steps].
-        execution: the mode.
+        execution: how chunks become actions; the modes are above.
         n_action_steps: how many of a chunk's first actions may be used; all by default.
         replan_interval: R [control steps]; a quarter of ``n_action_steps`` by default.
         latency_steps: d, a chunk computed from the observation at s is used from s + d on; until then the

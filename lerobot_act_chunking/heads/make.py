@@ -22,14 +22,16 @@ class HeadSpec:
     Attributes:
         action_likelihood: ``l1`` (ACT), ``l2``, ``laplace``, ``gaussian`` (beta-NLL), ``gmm`` (a mixture
             whose component is chosen once per chunk) or ``categorical`` (bins over [-1, 1]).
-        nll_beta: of ``laplace``, ``gaussian`` and ``gmm``, in [0, 1]: 0 is the likelihood; the more, the less
-            what is precise drowns what is not (Seitzer et al. 2022). Means are pulled as by the squared error
-            at 1, locations of ``laplace`` as by the absolute error at 0.5.
+        nll_beta: weighting of the loss of ``laplace``, ``gaussian`` and ``gmm`` (Seitzer et al. 2022). 0 is
+            the plain likelihood, in which precise dimensions outweigh the others; larger values reduce this.
+            With 1, means learn as from the squared error; with 0.5, locations of ``laplace`` learn as from
+            the absolute error.
         min_std: least standard deviation of ``laplace``, ``gaussian`` and ``gmm``, in normalised units.
-        n_components: of ``gmm``.
-        n_bins: of ``categorical``, more than its soft targets need for their tails.
-        hl_gauss_sigma: standard deviation of its soft targets, in bins; 0 for none.
-        soft_local_bins: its actions are the expected ones within this many bins of the chosen; 0: its centre.
+        n_components: number of components of ``gmm``.
+        n_bins: number of bins of ``categorical``, more than its soft targets need for their tails.
+        hl_gauss_sigma: standard deviation of the soft targets of ``categorical``, in bins; 0 for none.
+        soft_local_bins: an action of ``categorical`` is the expected value over so many bins to either side
+            of the chosen one; 0 takes the centre of the chosen one.
         action_temperature: 0 takes the likeliest action (or component); above 0 they are sampled, with 1 as
             learned.
         action_top_k: ``categorical`` samples among this many likeliest bins; 0 for all.

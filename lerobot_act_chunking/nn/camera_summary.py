@@ -15,7 +15,7 @@ class CameraSummaries(CameraTokens):
     """One token for each camera: its feature map in 16 channels, cell after cell.
 
     A weight for every place learns where things are within a few hundred batches. Attention over the tokens
-    of cells needs far longer, since what it adds up are contents, not places (docs/pixels.md).
+    of cells needs far longer, since what it adds up are contents, not places (docs/policies/pixels.md).
     """
 
     def __init__(

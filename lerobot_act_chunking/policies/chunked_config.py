@@ -36,7 +36,7 @@ class ChunkedConfig(DatasetReading, ExecutionFields, GivenSettings, ChecksPush):
     ``fps`` is then needed, too; a dataset recorded at another rate is refused.
 
     Attributes:
-        state_keys: state vectors to read (features of type STATE); by default all that there are.
+        state_keys: state vectors to read (features of type STATE); by default all of them.
         fps: control steps per second; only needed for lengths in seconds.
         horizon_s: time that a chunk covers [s], in place of ``chunk_size`` (``horizon``).
         prediction_dt: time between two predicted actions [s], in place of ``chunk_stride``.
@@ -51,14 +51,14 @@ class ChunkedConfig(DatasetReading, ExecutionFields, GivenSettings, ChecksPush):
         pretrained_backbone_weights: ``imagenet`` for ``efficientnet_lite0``, from a package; torchvision's,
             such as ``ResNet18_Weights.IMAGENET1K_V1``, from torch hub's cache; for timm a file. Nothing is
             downloaded.
-        backbone_norm: put in place of batch normalisation. Pretrained weights need ``frozen_batch``; without
-            them it amounts to no normalisation at all.
+        backbone_norm: what replaces batch normalisation in the image backbone. Pretrained weights need
+            ``frozen_batch``; without pretrained weights ``frozen_batch`` normalises nothing.
         use_ema: act with an exponential moving average of the weights.
-        ema_power: the average's decay after n updates is ``1 - n ** -ema_power`` ...
-        ema_max_value: ... up to this; use 0.999 for runs under 10 000 steps.
+        ema_power: the decay of the moving average after n updates is ``1 - n ** -ema_power``.
+        ema_max_value: largest decay of the moving average; use 0.999 for runs under 10 000 steps.
         optimizer_lr: AdamW learning rate.
-        optimizer_lr_backbone: the same for the image backbone; by default 1e-5 if it is pretrained, and
-            ``optimizer_lr`` if it starts from scratch.
+        optimizer_lr_backbone: AdamW learning rate of the image backbone; by default 1e-5 if it is pretrained,
+            and ``optimizer_lr`` if it starts from scratch.
         optimizer_weight_decay: AdamW weight decay.
         optimizer_betas: AdamW moment decays.
         lr_schedule: ``constant``, or ``cosine`` to zero over the run, both after the warm-up.

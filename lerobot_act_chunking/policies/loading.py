@@ -1,11 +1,14 @@
 """Loading any LeRobot checkpoint for use from Python."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from lerobot_act_chunking.errors import ActChunkingError, ConfigurationError
+
+if TYPE_CHECKING:
+    import numpy as np
 
 CONFIG, WEIGHTS = "config.json", "model.safetensors"
 PROCESSORS = ("policy_preprocessor.json", "policy_postprocessor.json")
@@ -15,11 +18,49 @@ LONGEST_REASON = 400  # characters; PyTorch lists every weight that does not fit
 
 
 class LoadedPolicy(NamedTuple):
-    """A policy in evaluation mode with the processors it was trained with."""
+    """A policy in evaluation mode with the processors it was trained with.
+
+    Attributes:
+        policy: LeRobot's policy object.
+        preprocessor: normalises observations and moves them to the policy's device.
+        postprocessor: turns predicted actions back into the robot's units.
+    """
 
     policy: Any
     preprocessor: Any
     postprocessor: Any
+
+    def reset(self) -> None:
+        """Begin an episode: the policy drops the chunks and the history of the one before."""
+        self.policy.reset()
+
+    def act(self, observation: Mapping[str, Any], task: str | None = None) -> "np.ndarray":
+        """The action (A,) of this control step, for one robot or one environment.
+
+        Args:
+            observation: what an environment of `make_env` returns: ``agent_pos`` (S,),
+                ``environment_state`` (E,), ``pixels`` ``{camera: uint8 (height, width, 3)}``. Further arrays
+                get the key ``observation.<name>``.
+            task: the instruction, for policies that read one.
+        """
+        import torch
+        from lerobot.envs.utils import preprocess_observation
+
+        from lerobot_act_chunking.compat import action_of
+
+        batch: dict[str, Any] = preprocess_observation(_batch_of_one(observation))
+        if task is not None:
+            batch["task"] = [task]
+        with torch.inference_mode():
+            action = action_of(self.policy.select_action(self.preprocessor(batch)))
+            return self.postprocessor(action)[0].to("cpu").numpy()
+
+
+def _batch_of_one(observation: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        key: _batch_of_one(value) if isinstance(value, Mapping) else value[None]
+        for key, value in observation.items()
+    }
 
 
 def load_policy(path: str | Path) -> LoadedPolicy:

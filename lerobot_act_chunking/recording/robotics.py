@@ -28,7 +28,7 @@ class RoboticsSource(SimulatedSource):
         if task not in EXPERTS:
             raise ConfigurationError(
                 f"{task} has no scripted expert; choose one of: {', '.join(EXPERTS)}, or bring your own "
-                "demonstrator and record it with record_source (docs/own-environment.md)"
+                "demonstrator and record it with record_source (docs/guides/own-environment.md)"
             )
         self.expert.check(RANGES)
 

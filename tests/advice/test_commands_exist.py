@@ -19,7 +19,7 @@ from lerobot_act_chunking.cli.main import app
 
 ROOT = Path(__file__).parents[2]
 SOURCES = sorted((ROOT / "lerobot_act_chunking").rglob("*.py"))
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 ENDS = re.compile(r"[`;|&#\n]|\s(?:and|or|with|needs|makes|shows|reads)\s|[.,:)]\s|\. |…")
 OURS = re.compile(r"\bact-chunking (?!did )")
 LEROBOTS = re.compile(r"\blerobot-(?!policy|env|act|teleoperator|robot)[a-z]+(?:-[a-z]+)*\b(?!/|_)")

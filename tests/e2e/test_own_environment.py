@@ -1,4 +1,4 @@
-"""The example of docs/own-environment.md: one file, found by LeRobot's commands, trained in and evaluated."""
+"""The example of docs/guides/own-environment.md: found by LeRobot's commands, trained in, evaluated."""
 
 import importlib
 import json

@@ -28,7 +28,7 @@ class RoboticsOptions(ObservationOptions):
     to its end and its last step decides, as the literature on the Fetch tasks counts."""
     velocities: bool = True
     """Whether the robot's and the objects' velocities are observed. They give away the action before this
-    one, which a policy that imitates then repeats: docs/robotics.md has the figures."""
+    one, which a policy that imitates then repeats: docs/guides/robotics.md has the figures."""
     episode_length: int = 0
     """Control steps after which an episode is cut; 0, the default, means the original's."""
 

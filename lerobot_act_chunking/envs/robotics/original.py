@@ -31,6 +31,6 @@ def make_original(task: str) -> Any:
 
 def _register(task: str) -> None:
     # Its import registers the ids, and prints a note on the dense rewards of Adroit in release 1.2 at every
-    # command and in every worker; docs/robotics.md says it once.
+    # command and in every worker; docs/guides/robotics.md says it once.
     with redirect_stderr(StringIO()):
         need("gymnasium_robotics", task, REQUIREMENT)

@@ -29,18 +29,16 @@ class ActChunkedConfig(ChunkedConfig):
         preset: ``base`` (ours), ``paper`` (LeRobot's ACT, with its normalisation and its optimiser) or
             ``autoregressive`` (observation history, velocities, an autoregressive decoder, a sampled latent).
             Pretrained backbone weights are the exception: no preset asks for them.
-        execution: how chunks become actions; this and the other fields of execution (``replan_interval``,
-            ``latency_steps``, ``temporal_ensemble_coeff``, ...) are those of `ExecutionSettings`. ``base``
-            replans four times a chunk and blends each new one in, ``paper`` runs each chunk to its end, as
-            LeRobot does.
+        execution: how chunks become actions, a mode of `ExecutionSettings`. ``base`` replans four times a
+            chunk and blends each new one in, ``paper`` runs each chunk to its end, as LeRobot does.
 
-        n_obs_steps: observations that the policy sees, the current one last.
-        obs_stride: control steps between two of them.
+        n_obs_steps: number of observations that the policy reads, the current one last.
+        obs_stride: control steps between two observations.
         history_dropout: how often training shows the current observation in place of the earlier ones.
         image_tokens: each camera's image is a token for every cell of its feature map (``cells``, ACT), or a
             single one that knows where things are (``summary``): cheaper, and learned from few frames.
         history_image_grid: cells a side to which the feature maps of earlier images are averaged.
-        use_velocity: how fast the vectors change, as a further input, from the last two observations.
+        use_velocity: give the policy the change of the state vectors between the last two observations, too.
         random_shift: training moves images by up to so many pixels each way.
 
         chunk_size: predicted actions per chunk.
@@ -48,16 +46,17 @@ class ActChunkedConfig(ChunkedConfig):
             ACT; more makes long chunks cheap.
         decoder_type: ``parallel`` decodes all queries at once (ACT); ``autoregressive`` one after the other,
             each knowing the actions before it.
-        teacher_noise_std: noise on the actions that autoregressive training shows, normalised units ...
-        teacher_dropout: ... and how often it hides what a query emitted.
+        teacher_noise_std: noise on the earlier actions that autoregressive training shows to the decoder
+            [normalised units].
+        teacher_dropout: how often autoregressive training hides the earlier actions from the decoder.
 
         pre_norm: normalise before each transformer branch instead of after it.
         dim_model: token width, a multiple of 4 and of ``n_heads``.
         n_heads: attention heads.
         dim_feedforward: hidden width of the feed-forward branches.
-        feedforward_activation: their activation.
-        n_encoder_layers: encoder layers.
-        n_decoder_layers: decoder layers; parallel action queries interact from the second on.
+        feedforward_activation: activation of the feed-forward branches.
+        n_encoder_layers: number of encoder layers.
+        n_decoder_layers: number of decoder layers; parallel action queries interact from the second on.
         dropout: dropout probability everywhere in the transformers.
 
         action_likelihood: how actions are predicted and scored: ``l1`` (ACT), ``l2``, ``laplace``,
@@ -70,26 +69,31 @@ class ActChunkedConfig(ChunkedConfig):
             ACT).
 
         use_vae: learn a latent style of each demonstration.
-        latent_type: its prior: ``gaussian`` (ACT), ``conditional`` on the observation, ``mixture`` or
-            ``categorical``.
-        latent_dim: its size.
+        latent_type: prior of the latent: ``gaussian`` (ACT), ``conditional`` on the observation, ``mixture``
+            or ``categorical``.
+        latent_dim: size of the latent.
         n_latent_components: components of a ``mixture``, codes of a ``categorical`` latent.
         latent_warmup_steps: training steps until the components are placed, or over which codes harden.
-        prior_component_weights: how often each is sampled: as in training (``empirical``) or ``uniform``.
+        prior_component_weights: how often each component or code of the latent is sampled: as in training
+            (``empirical``) or ``uniform``.
         z_inference: act with the ``mode`` of the prior (zero for a gaussian one, as ACT) or ``sample`` it.
-        z_temperature: spread of its samples.
-        z_hold: keep a sample for a ``chunk``, for ``z_hold_steps`` control ``steps``, or for the ``episode``.
+        z_temperature: factor on the spread of the prior that the latent is sampled from.
+        z_hold: keep a sampled latent for a ``chunk``, for ``z_hold_steps`` control ``steps``, or for the
+            ``episode``.
+        z_hold_steps: how long a sampled latent is kept with ``z_hold=steps`` [control steps].
         allow_mode_mixing: let ``execution=ensemble`` average chunks of different latents.
         n_vae_encoder_layers: layers of the style encoder.
-        style_observations: it sees the ``state`` (ACT) or ``all`` observations beside the actions.
-        vae_action_stride: it sees averages of so many consecutive actions.
+        style_observations: the style encoder reads the ``state`` (ACT) or ``all`` observations beside the
+            actions.
+        vae_action_stride: the style encoder reads averages of so many consecutive actions.
         kl_weight: weight of the KL divergence [nats, summed over dimensions] beside the mean action error.
-        kl_anneal: let the weight grow from 0 over the first ``kl_anneal_steps`` (``linear``), or again in
+        kl_anneal: let ``kl_weight`` grow from 0 over the first ``kl_anneal_steps`` (``linear``), or again in
             every such period (``cyclical``).
-        free_bits: KL that each dimension may have for free [nats].
+        kl_anneal_steps: length of this growth [optimiser steps].
+        free_bits: KL divergence that each dimension of the latent may have without a loss [nats].
 
-        compile_model: through torch.compile, for any batch size. The first step takes a minute or two; on a
-            CPU it gains a few percent of the later ones.
+        compile_model: compile the network with torch.compile, for any batch size. The first step takes a
+            minute or two; on a CPU it gains a few percent of the later ones.
         noise_seed: seed of sampling when acting; every episode of every environment has a stream of its own.
 
     Raises:

@@ -35,36 +35,41 @@ class DiffusionChunkedConfig(ChunkedConfig):
             ``two_step`` regression (MIP, arXiv 2512.01809).
         denoiser: ``mixer`` (fastest on a CPU), ``dit`` (attends to observation tokens) or ``unet1d``
             (Diffusion Policy's).
-        n_obs_steps: observations that condition a chunk, the current one last.
-        horizon: predicted actions, ``chunk_stride`` control steps apart.
-        align: the first of them belongs to the ``current`` step, or to the ``first_obs`` as in Diffusion
-            Policy, whose chunks begin in the past.
+        n_obs_steps: number of observations that condition a chunk, the current one last.
+        horizon: predicted actions per chunk, ``chunk_stride`` control steps apart.
+        execution: how chunks become actions, a mode of `ExecutionSettings`.
+        align: the first predicted action belongs to the ``current`` step, or to the ``first_obs`` as in
+            Diffusion Policy, whose chunks begin in the past.
         prediction_type: what the network is asked for: ``velocity`` or ``sample`` (flow), ``epsilon``,
             ``v_prediction`` or ``sample`` (ddpm), ``sample`` (two_step).
-        num_train_timesteps: noise levels of ddpm.
-        beta_schedule: their spacing, a diffusers name; ``beta_start`` and ``beta_end`` if it is linear.
+        num_train_timesteps: number of noise levels of ddpm.
+        beta_schedule: spacing of the noise levels of ddpm, by diffusers' name.
+        beta_start: first beta of a linear ``beta_schedule``.
+        beta_end: last beta of a linear ``beta_schedule``.
         time_distribution: flow times seen in training: ``uniform``, ``beta`` (pi0: mostly noise) or
             ``logit_normal`` (mostly the middle).
         sampler: ``euler``, ``midpoint``, ``heun``, ``rk4`` (flow); ``ddim``, ``ddpm``, ``dpm++`` (ddpm).
-        num_inference_steps: its steps; midpoint and Heun call the network twice in each, rk4 four times.
-        timestep_spacing: which noise levels of ddpm they visit, a diffusers name; by default the one that
-            suits the sampler.
-        clip_sample: keep the estimate of the clean actions within +-``clip_sample_range`` (normalised).
+        num_inference_steps: steps of the sampler; midpoint and Heun call the network twice in each, rk4 four
+            times.
+        timestep_spacing: which noise levels of ddpm the sampler visits, by diffusers' name; by default the
+            one that suits the sampler.
+        clip_sample: keep the estimate of the clean actions within plus or minus ``clip_sample_range``.
+        clip_sample_range: limit of ``clip_sample`` [normalised units].
         clip_mode: whether a sampler's next step follows from the clipped estimate (``consistent``), or in
             part from the estimate before clipping, as LeRobot's ``ddim``.
         do_mask_loss_for_padding: leave steps behind the end of an episode out of the loss.
         unet_size: channels of ``unet1d``: S (64, 128, 256), M, L or XL (LeRobot's 512, 1024, 2048).
-        down_dims: the same spelt out; wins over ``unet_size``.
-        kernel_size: of its convolutions.
-        n_groups: of its group normalisation.
-        diffusion_step_embed_dim: width of its time embedding.
-        use_film_scale_modulation: let the condition scale its features, not only shift them.
+        down_dims: channels of ``unet1d`` at each resolution; wins over ``unet_size``.
+        kernel_size: kernel size of the convolutions of ``unet1d``.
+        n_groups: groups of the group normalisation of ``unet1d``.
+        diffusion_step_embed_dim: width of the time embedding of ``unet1d``.
+        use_film_scale_modulation: let the condition scale the features of ``unet1d``, not only shift them.
         actions_per_token: consecutive actions that make one token of ``mixer`` and ``dit``; divides
             ``horizon``. By default the largest of 1 ... 5 that does.
         dim_model: token width of ``mixer`` and ``dit``.
-        n_layers: their layers.
+        n_layers: number of layers of ``mixer`` and ``dit``.
         n_heads: attention heads of ``dit``.
-        dropout: dropout probability in them.
+        dropout: dropout probability in ``mixer`` and ``dit``.
         spatial_softmax_num_keypoints: image keypoints per camera (``mixer`` and ``unet1d``).
         warm_start: what a new chunk takes over from the plan in execution: ``none``; ``noise_hold`` the noise
             of the steps that both cover; ``sdedit`` starts from the noised plan (Meng et al. 2022); ``rtc``
@@ -75,11 +80,12 @@ class DiffusionChunkedConfig(ChunkedConfig):
             whatever the network says; the paper's ``exact`` product moves only what the network is unsure of,
             and takes a backward pass.
         prefix_attention_schedule: how guidance fades over the plan, from the actions executed meanwhile on.
-        max_guidance_weight: its largest weight.
-        sdedit_strength: fraction of the noise that the plan gets.
-        rtc_config: set by ``lerobot-rollout``; wins over the fields above.
+        max_guidance_weight: largest weight of the guidance of ``rtc``.
+        sdedit_strength: fraction of the noise that the plan gets with ``sdedit``.
+        rtc_config: settings of real-time chunking that ``lerobot-rollout`` passes; they win over the fields
+            of ``rtc``.
         guidance_features: inputs that guidance may leave out, such as a goal or an instruction.
-        condition_dropout: how often training leaves them out.
+        condition_dropout: how often training leaves out the ``guidance_features``.
         guidance_scale: w in ``x_without + w * (x_with - x_without)`` (classifier-free guidance, Ho and
             Salimans 2022); 1 is off.
         noise_seed: seed of the noise when acting; every episode of every environment has a stream of its own.

@@ -33,11 +33,10 @@ class TemporalEnsembleConfig(ExecutionFields, ChecksPush):
 
     Attributes:
         inner_path: checkpoint folder or repo id of the inner policy.
-        inner: its ``type`` and any of its settings, as in ``{type: act, chunk_size: 50}``.
-        n_obs_steps: observations that the inner policy sees; one of its own settings.
+        inner: the inner policy's ``type`` and any of its settings, as in ``{type: act, chunk_size: 50}``.
+        n_obs_steps: number of observations that the inner policy reads; one of its own settings.
         n_action_steps: how many of a chunk's first actions may be used [control steps]; by default all.
-        execution: how chunks become actions; this and the other fields of execution (``replan_interval``,
-            ``latency_steps``, ``temporal_ensemble_coeff``, ...) are those of `ExecutionSettings`.
+        execution: how chunks become actions, a mode of `ExecutionSettings`.
 
     Raises:
         ConfigurationError: on construction, naming the setting that cannot work.

@@ -33,11 +33,12 @@ class VqbetChunkedConfig(ChunkedConfig):
 
     Attributes (beside those of `ChunkedConfig`):
         preset: ``base`` (ours) or ``paper`` (LeRobot's `vqbet`).
-        n_obs_steps: observations that the policy sees, the current one last.
+        n_obs_steps: number of observations that the policy reads, the current one last.
+        execution: how chunks become actions, a mode of `ExecutionSettings`.
         chunk_size: predicted actions per chunk, ``chunk_stride`` control steps apart (LeRobot's
             ``action_chunk_size``).
         n_action_pred_token: chunks predicted in training from the current step on, each one control step
-            later. Only the first acts; the others, and those of earlier observations, are further lessons.
+            later. Only the first one acts; the others, and those of earlier observations, train the network.
         tokenizer: what turns chunks into codes: ``residual_vq`` (VQ-BeT), ``fsq`` (finite scalar
             quantisation, Mentzer et al. 2023), ``uniform`` bins of every action, or ``dct`` coefficients
             (FAST, Pertsch et al. 2025, without its byte pairs).
@@ -50,32 +51,32 @@ class VqbetChunkedConfig(ChunkedConfig):
         vqvae_embedding_dim: width of a code.
         vqvae_enc_hidden_dim: hidden width of the tokenizer's encoder and decoder.
         vqvae_coder: ``mlp`` over the whole chunk (VQ-BeT), or ``conv`` along it.
-        vqvae_decay: of the codebook's moving average.
-        commitment_weight: beta, how much encodings are drawn to their codes.
+        vqvae_decay: decay of the codebook's moving average.
+        commitment_weight: beta, weight of the loss that draws encodings to their codes.
         kmeans_iters: k-means iterations that place the first codes; 0 for random codes.
-        dead_code_threshold: codes with less than this share of what all would have if they were used alike
-            (moving average) are placed anew; 0 never.
+        dead_code_threshold: a code that is used less than this share of the average use (moving average) is
+            placed anew; 0 never.
         rotation_trick: pass gradients through the quantiser by rotation (Fifty et al. 2024), not straight.
         fsq_levels: values of each dimension of a code of ``fsq``; M is their product.
-        n_bins: M of ``uniform`` and ``dct``.
+        n_bins: number of bins of ``uniform`` and ``dct``.
         dct_coefficients: coefficients that ``dct`` keeps for each action dimension.
         optimizer_vqvae_lr: the tokenizer's learning rate.
-        optimizer_vqvae_weight_decay: and its weight decay.
+        optimizer_vqvae_weight_decay: the tokenizer's weight decay.
         gpt_hidden_dim: width of the GPT.
-        gpt_n_layer: its layers.
-        gpt_n_head: its attention heads.
-        dropout: dropout probability in it.
+        gpt_n_layer: number of layers of the GPT.
+        gpt_n_head: attention heads of the GPT.
+        dropout: dropout probability in the GPT.
         head_hidden_dims: hidden layers of the code head and the offset head.
         sequentially_select: choose each code knowing those before it; otherwise all at once.
-        focal_gamma: of the focal loss of the codes; 0 is cross-entropy.
+        focal_gamma: gamma of the focal loss of the codes; 0 is cross-entropy.
         primary_code_loss_weight: weight of the first code's loss (of all codes', if none refines another).
-        secondary_code_loss_weight: weight of each further code's.
+        secondary_code_loss_weight: weight of each further code's loss.
         offset_mode: the offset from the decoded chunk comes from a head that sees that chunk
             (``code_conditioned``), or from one that holds an offset for every code (``table``, LeRobot's).
-        offset_target: learn it at the demonstration's code (``gt_code``) or at a sampled one (``sampled``,
-            LeRobot's).
-        offset_loss_weight: its weight.
-        bet_softmax_temperature: of sampling codes; 0 always takes the likeliest.
+        offset_target: learn the offset at the demonstration's code (``gt_code``) or at a sampled one
+            (``sampled``, LeRobot's).
+        offset_loss_weight: weight of the offset's loss.
+        bet_softmax_temperature: temperature of sampling codes; 0 always takes the likeliest.
         top_p: sample among the likeliest codes that together have this probability.
         code_hold: draw the random numbers that pick codes for every ``chunk``, or once an ``episode``.
         spatial_softmax_num_keypoints: image keypoints per camera.

@@ -1,0 +1,124 @@
+"""README and docs: tables are from the results, Python runs, the site has every page."""
+
+import importlib.util
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+from lerobot.configs import FeatureType, PolicyFeature
+from lerobot.policies.factory import get_policy_class, make_pre_post_processors
+
+import lerobot_act_chunking as ac
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text()
+DOCS = sorted((ROOT / "docs").rglob("*.md"))
+CHECKPOINT = "outputs/train/act/checkpoints/last/pretrained_model"
+
+
+def python_blocks(page: Path) -> list[str]:
+    return re.findall(r"^```python\n(.*?)^```", page.read_text(), flags=re.M | re.S)
+
+
+def test_the_tables_are_those_of_the_committed_results():
+    file = ROOT / "benchmarks" / "readme_tables.py"
+    spec = importlib.util.spec_from_file_location("readme_tables", file)
+    tables = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(tables)
+    assert tables.with_tables(README) == README, "run: python benchmarks/readme_tables.py"
+    assert tables.with_tables(README.replace("200, 200, 200", "200, 200, 199")) == README
+    assert README.count("\n| `") == 2 * len(tables.POLICIES) + len(tables.ONE_CAMERA)
+
+
+def test_the_readme_fits_on_a_few_screens():
+    lines = README.splitlines()
+    assert len(lines) <= 140
+    assert [line for line in lines if len(line) > 140] == []
+
+
+def test_the_picture_is_small():
+    (picture,) = re.findall(r"!\[[^]]*\]\(([^)]+)\)", README)
+    assert 10_000 < (ROOT / picture).stat().st_size < 3_000_000
+
+
+def test_the_gate_runs_the_test_command_of_the_readme():
+    (command,) = re.findall(r"^(uv run pytest[^#\n]*?) *(?:#.*)?$", README, flags=re.M)
+    gate = (ROOT / ".ci" / "run").read_text()
+    assert command == "uv run pytest -n 2"
+    assert re.search(rf"^{command}( --durations=\d+)?$", gate, flags=re.M)
+
+
+@pytest.fixture
+def checkpoint(tmp_path, monkeypatch):
+    """An untrained policy where README's Python looks for one."""
+    config = ac.ActChunkedConfig(
+        device="cpu",
+        push_to_hub=False,
+        chunk_size=20,
+        dim_model=16,
+        n_heads=2,
+        n_encoder_layers=1,
+        input_features={
+            "observation.state": PolicyFeature(FeatureType.STATE, (14,)),
+            "observation.environment_state": PolicyFeature(FeatureType.ENV, (7,)),
+        },
+        output_features={"action": PolicyFeature(FeatureType.ACTION, (14,))},
+    )
+    folder = tmp_path / CHECKPOINT
+    get_policy_class("act_chunked")(config).save_pretrained(folder)
+    for pipeline in make_pre_post_processors(config):
+        pipeline.save_pretrained(folder)
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.usefixtures("checkpoint")
+@pytest.mark.parametrize("page", ["README.md", "docs/reference/python.md"])
+def test_the_python_of_a_page_runs(page):
+    blocks = python_blocks(ROOT / page)
+    assert blocks
+    for block in blocks:
+        names = {}
+        exec(block, names)
+        if "info" in names:
+            assert names["done"]
+            assert names["info"]["is_success"] is False
+            assert "(14,)" in str(names["env"].action_space)
+        else:
+            assert names["action"].shape == (1, 14)
+
+
+@pytest.mark.parametrize("page", DOCS, ids=lambda page: str(page.relative_to(ROOT)))
+def test_the_python_of_every_page_is_python(page):
+    for block in python_blocks(page):
+        assert compile(block, str(page), "exec")
+
+
+@pytest.mark.parametrize("page", DOCS, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_page_begins_with_what_it_gives_and_soon_has_a_command(page):
+    title, blank, first, *rest = page.read_text().splitlines()
+    assert title.startswith("# ")
+    assert blank == ""
+    assert re.match(r"\[?[`\w]", first)
+    assert "```" in "\n".join(rest[:40])
+
+
+def pages_of(nav):
+    for entry in nav:
+        for value in entry.values():
+            if isinstance(value, str):
+                yield value
+            else:
+                yield from pages_of(value)
+
+
+def test_the_site_has_every_page_once():
+    site = yaml.safe_load((ROOT / "mkdocs.yml").read_text())
+    listed = list(pages_of(site["nav"]))
+    assert sorted(listed) == sorted(str(page.relative_to(ROOT / "docs")) for page in DOCS)
+    assert site["theme"]["font"] is False
+
+
+def test_the_public_names_are_those_of_the_reference():
+    page = (ROOT / "docs" / "reference" / "python.md").read_text()
+    assert set(re.findall(r"`ac\.(\w+)", page)) == set(ac.__all__)
