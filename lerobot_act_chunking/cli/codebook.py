@@ -48,7 +48,7 @@ def codebook_command(
     Only actions are read, never images. Exit status: 0 fine or to be looked at, 11 failed, 10 cannot be
     judged.
     """
-    from lerobot_act_chunking.diagnostics.codebook.subject import is_dataset
+    from lerobot_act_chunking.data.actions import is_dataset
     from lerobot_act_chunking.diagnostics.codebook.verdict import Thresholds
 
     console = Console()
@@ -113,7 +113,7 @@ def _compare(
     from lerobot_act_chunking.diagnostics.codebook.comparison_card import print_comparison
     from lerobot_act_chunking.diagnostics.codebook.comparison_plot import plot_comparison
     from lerobot_act_chunking.diagnostics.codebook.fitting import compare
-    from lerobot_act_chunking.diagnostics.codebook.subject import read_episodes
+    from lerobot_act_chunking.diagnostics.core.episodes import read_episodes
     from lerobot_act_chunking.policies.vqbet_chunked.presets import preset_values
 
     usual = preset_values("base", tokenizer=None, pretrained=False)

@@ -270,7 +270,7 @@ def train_afresh_or_on(story: Story) -> list[str]:
 
 
 def _conclude(story: Story, console: Console, seconds: float) -> None:
-    from lerobot_act_chunking.diagnostics.success import read_success_rate
+    from lerobot_act_chunking.diagnostics.core.success import read_success_rate
 
     console.print(Rule("result"))
     console.print(f"success: {read_success_rate(story.evaluation / 'eval_info.json')}")

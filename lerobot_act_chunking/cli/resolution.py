@@ -38,7 +38,8 @@ def resolution_command(
     Only actions are read, never images. Exit status: 0 fine or to be looked at, 11 too coarse, 10 cannot
     be judged.
     """
-    from lerobot_act_chunking.diagnostics.codebook.subject import is_dataset, read_episodes
+    from lerobot_act_chunking.data.actions import is_dataset
+    from lerobot_act_chunking.diagnostics.core.episodes import read_episodes
     from lerobot_act_chunking.diagnostics.resolution.card import print_card
     from lerobot_act_chunking.diagnostics.resolution.plots import plot_report
     from lerobot_act_chunking.diagnostics.resolution.report import Question, diagnose

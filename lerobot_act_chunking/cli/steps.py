@@ -79,7 +79,7 @@ def _measure(request: "Request", task: str | None, n_seeds: int, console: Consol
 
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
-    from lerobot_act_chunking.diagnostics.environments import check_task
+    from lerobot_act_chunking.diagnostics.core.environments import check_task
     from lerobot_act_chunking.diagnostics.steps.report import diagnose
     from lerobot_act_chunking.diagnostics.steps.success import cells_to_run, success_by_steps
 

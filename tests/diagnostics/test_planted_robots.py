@@ -9,13 +9,14 @@ from tiers import draws
 
 from lerobot_act_chunking.data.dimension_names import dimension_names
 from lerobot_act_chunking.data.timing import ChunkTiming
-from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes, CodedChunks, cut_chunks
+from lerobot_act_chunking.diagnostics.codebook.chunks import CodedChunks, cut_chunks
 from lerobot_act_chunking.diagnostics.codebook.losses import measure_losses
-from lerobot_act_chunking.diagnostics.noise_floor import measure_noise
+from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes
+from lerobot_act_chunking.diagnostics.core.measures import RawUnits
+from lerobot_act_chunking.diagnostics.core.noise_floor import measure_noise
+from lerobot_act_chunking.diagnostics.core.rollouts import Rollout
 from lerobot_act_chunking.diagnostics.resolution.report import Question, diagnose
-from lerobot_act_chunking.diagnostics.rollouts import Rollout
 from lerobot_act_chunking.diagnostics.smoothness.measuring import measure
-from lerobot_act_chunking.diagnostics.steps.positions import RawUnits
 
 ROBOTS = draws(gate=20, full=300)
 FPS = (10, 15, 20, 30, 50)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from lerobot_act_chunking.diagnostics.codebook.subject import read_episodes
+from lerobot_act_chunking.diagnostics.core.episodes import read_episodes
 from lerobot_act_chunking.diagnostics.resolution.report import Question, diagnose
 from lerobot_act_chunking.diagnostics.smoothness.comparison import compare
 from lerobot_act_chunking.diagnostics.smoothness.sources import EvaluationSpec

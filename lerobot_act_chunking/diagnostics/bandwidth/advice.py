@@ -13,8 +13,8 @@ from lerobot_act_chunking.diagnostics.bandwidth.filter import (
     newest_chunk_filter,
     settle_steps,
 )
-from lerobot_act_chunking.diagnostics.bandwidth.source import check_positive
 from lerobot_act_chunking.diagnostics.bandwidth.stability import gain_limit
+from lerobot_act_chunking.diagnostics.core.checks import check_positive
 from lerobot_act_chunking.execution.settings import ExecutionSettings
 
 BANDWIDTH_MARGIN = 3.0  # a disturbance at a third of the -3 dB frequency passes with more than 90 %

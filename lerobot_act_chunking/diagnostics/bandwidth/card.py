@@ -7,7 +7,7 @@ from rich.table import Table
 
 from lerobot_act_chunking.diagnostics.bandwidth.closed_form import ClosedForm, PhaseSettle, StartUp
 from lerobot_act_chunking.diagnostics.bandwidth.report import BandwidthReport
-from lerobot_act_chunking.diagnostics.outcome import print_verdict
+from lerobot_act_chunking.diagnostics.core.outcome import print_verdict
 from lerobot_act_chunking.execution.settings import ExecutionSettings
 
 if TYPE_CHECKING:

@@ -22,9 +22,10 @@ from lerobot_act_chunking.diagnostics.bandwidth.measured import (
     check_agreement,
 )
 from lerobot_act_chunking.diagnostics.bandwidth.nonlinear import MeasuredStep, measure_steps
-from lerobot_act_chunking.diagnostics.bandwidth.source import Source, check_positive
-from lerobot_act_chunking.diagnostics.outcome import EXIT_CODES, write_json
-from lerobot_act_chunking.diagnostics.training import untrained
+from lerobot_act_chunking.diagnostics.bandwidth.source import Source
+from lerobot_act_chunking.diagnostics.core.checks import check_positive
+from lerobot_act_chunking.diagnostics.core.outcome import EXIT_CODES, write_json
+from lerobot_act_chunking.diagnostics.core.training import untrained
 
 if TYPE_CHECKING:
     from lerobot_act_chunking.diagnostics.bandwidth.push import PushStudy

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, fields
 from typing import Any, get_args
 
-from lerobot_act_chunking.diagnostics.training import read_training
-from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
+from lerobot_act_chunking.diagnostics.core.training import read_training
+from lerobot_act_chunking.errors import unknown_choice
 from lerobot_act_chunking.execution.settings import ExecutionSettings, Mode, Weighting
 from lerobot_act_chunking.policies.loading import read_config
 
@@ -113,14 +113,3 @@ def _one_chunk_at_a_time(merged: dict[str, Any]) -> bool:
     """Each chunk runs to its end: an ensemble of one, whatever its weights."""
     used = merged.get("n_action_steps") or merged["chunk_size"]
     return merged["execution"] == "ensemble" and merged.get("replan_interval") == used
-
-
-def check_positive(**values: float | None) -> None:
-    """Refuse values that must be positive where given.
-
-    Raises:
-        ConfigurationError: naming the option and its value.
-    """
-    for name, value in values.items():
-        if value is not None and not 0 < value < float("inf"):
-            raise ConfigurationError(f"{name}={value} must be a positive number")

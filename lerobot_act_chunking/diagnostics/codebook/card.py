@@ -10,7 +10,7 @@ from lerobot_act_chunking.diagnostics.codebook.meaning import CodeUse
 from lerobot_act_chunking.diagnostics.codebook.report import CodebookReport
 from lerobot_act_chunking.diagnostics.codebook.subject import Subject
 from lerobot_act_chunking.diagnostics.codebook.usage import LevelUsage, Usage
-from lerobot_act_chunking.diagnostics.outcome import print_verdict
+from lerobot_act_chunking.diagnostics.core.outcome import print_verdict
 
 MOST_ROWS = 8
 MOST_DEAD = 6

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from lerobot_act_chunking.data.timing import ChunkTiming
-from lerobot_act_chunking.diagnostics import outcome
 from lerobot_act_chunking.diagnostics.codebook.candidates import Candidate
-from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes
 from lerobot_act_chunking.diagnostics.codebook.losses import Losses
 from lerobot_act_chunking.diagnostics.codebook.verdict import Judgement, Thresholds
+from lerobot_act_chunking.diagnostics.core import outcome
+from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes
 
 
 @dataclass(frozen=True)

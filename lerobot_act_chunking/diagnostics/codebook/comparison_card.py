@@ -6,7 +6,7 @@ from rich.table import Table
 
 from lerobot_act_chunking.diagnostics.codebook.comparison import ComparisonReport, Fitted
 from lerobot_act_chunking.diagnostics.codebook.losses import Loss
-from lerobot_act_chunking.diagnostics.outcome import print_verdict
+from lerobot_act_chunking.diagnostics.core.outcome import print_verdict
 
 NOTE = (
     "lost: share of the variance, mean over the dimensions, then that of the worst; in space: mean of "

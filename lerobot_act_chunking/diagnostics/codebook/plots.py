@@ -8,7 +8,7 @@ import numpy as np
 from lerobot_act_chunking.diagnostics.codebook.card import describe
 from lerobot_act_chunking.diagnostics.codebook.meaning import MOST_CODES, TENTHS, CodeUse
 from lerobot_act_chunking.diagnostics.codebook.report import CodebookReport
-from lerobot_act_chunking.diagnostics.steps.positions import RawUnits
+from lerobot_act_chunking.diagnostics.core.measures import RawUnits
 
 MOST_LEVELS = 4
 COLUMNS = 6

@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from lerobot_act_chunking.diagnostics import outcome
-from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes, CodedChunks, cut_chunks
+from lerobot_act_chunking.diagnostics.codebook.chunks import CodedChunks, cut_chunks
 from lerobot_act_chunking.diagnostics.codebook.drift import Drift, measure_drift
 from lerobot_act_chunking.diagnostics.codebook.losses import Losses, measure_losses
 from lerobot_act_chunking.diagnostics.codebook.meaning import CodeUse, uses_of_first_code
 from lerobot_act_chunking.diagnostics.codebook.subject import Subject
 from lerobot_act_chunking.diagnostics.codebook.usage import Usage, measure_usage
 from lerobot_act_chunking.diagnostics.codebook.verdict import Judgement, Thresholds, judge
-from lerobot_act_chunking.diagnostics.noise_floor import listed
-from lerobot_act_chunking.diagnostics.steps.positions import Measure
-from lerobot_act_chunking.diagnostics.steps.sources import measure_of
-from lerobot_act_chunking.diagnostics.training import untrained
+from lerobot_act_chunking.diagnostics.core import outcome
+from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes
+from lerobot_act_chunking.diagnostics.core.measures import Measure, measure_of
+from lerobot_act_chunking.diagnostics.core.noise_floor import listed
+from lerobot_act_chunking.diagnostics.core.training import untrained
 
 BINS = (
     "Its codes are bins of single values and none refines another: what a single code does is not drawn, and "

@@ -4,8 +4,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from lerobot_act_chunking.diagnostics.core.outcome import COLOURS
 from lerobot_act_chunking.diagnostics.latent.report import STANDARD, LatentReport
-from lerobot_act_chunking.diagnostics.outcome import COLOURS
 from lerobot_act_chunking.nn.latents.health import ACTIVE_NATS, ACTIVE_VARIANCE
 
 MOST_ROWS = 16

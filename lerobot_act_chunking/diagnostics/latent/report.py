@@ -10,6 +10,8 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int64
 
+from lerobot_act_chunking.diagnostics.core.outcome import EXIT_CODES, with_untrained, write_json
+from lerobot_act_chunking.diagnostics.core.training import untrained
 from lerobot_act_chunking.diagnostics.latent.density import Density, fit_density
 from lerobot_act_chunking.diagnostics.latent.encoding import Encoded, encode, reconstruction_errors
 from lerobot_act_chunking.diagnostics.latent.measures import (
@@ -23,8 +25,6 @@ from lerobot_act_chunking.diagnostics.latent.measures import (
 from lerobot_act_chunking.diagnostics.latent.samples import Samples
 from lerobot_act_chunking.diagnostics.latent.subject import Subject
 from lerobot_act_chunking.diagnostics.latent.verdict import Evidence, Judgement, Thresholds, judge
-from lerobot_act_chunking.diagnostics.outcome import EXIT_CODES, with_untrained, write_json
-from lerobot_act_chunking.diagnostics.training import untrained
 from lerobot_act_chunking.nn.latents.categorical import CategoricalLatent
 from lerobot_act_chunking.nn.latents.gaussian import GaussianLatent
 

@@ -6,7 +6,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from lerobot_act_chunking.diagnostics.outcome import print_verdict
+from lerobot_act_chunking.diagnostics.core.outcome import print_verdict
 from lerobot_act_chunking.diagnostics.resolution.reconstruction import Deviation
 from lerobot_act_chunking.diagnostics.resolution.report import MOST_ABOVE_NYQUIST, ResolutionReport
 from lerobot_act_chunking.diagnostics.resolution.strides import Stride

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from lerobot_act_chunking.diagnostics import outcome
-from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes
-from lerobot_act_chunking.diagnostics.noise_floor import NoiseFloor, measure_noise
+from lerobot_act_chunking.diagnostics.core import outcome
+from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes
+from lerobot_act_chunking.diagnostics.core.measures import Measure, RawUnits, measure_of
+from lerobot_act_chunking.diagnostics.core.noise_floor import NoiseFloor, measure_noise
 from lerobot_act_chunking.diagnostics.resolution.spectrum import Spectrum, measure_spectrum
 from lerobot_act_chunking.diagnostics.resolution.strides import (
     Stride,
@@ -22,8 +23,6 @@ from lerobot_act_chunking.diagnostics.resolution.strides import (
     measure_stride,
     recommend,
 )
-from lerobot_act_chunking.diagnostics.steps.positions import Measure, RawUnits
-from lerobot_act_chunking.diagnostics.steps.sources import measure_of
 from lerobot_act_chunking.errors import ConfigurationError
 
 MOST_ABOVE_NYQUIST = 0.01

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.table import Table
 
-from lerobot_act_chunking.diagnostics.outcome import print_verdict
+from lerobot_act_chunking.diagnostics.core.outcome import print_verdict
 from lerobot_act_chunking.diagnostics.steps.plateau import Series
 from lerobot_act_chunking.diagnostics.steps.report import StepsReport
 from lerobot_act_chunking.diagnostics.steps.results import CellResult, Quantiles

@@ -8,13 +8,14 @@ from typing import Any
 
 from lerobot.utils.constants import ACTION
 
-from lerobot_act_chunking.diagnostics import outcome
-from lerobot_act_chunking.diagnostics.bandwidth.source import check_positive
+from lerobot_act_chunking.diagnostics.core import outcome
+from lerobot_act_chunking.diagnostics.core.checks import check_positive
+from lerobot_act_chunking.diagnostics.core.measures import Measure, measure_of
+from lerobot_act_chunking.diagnostics.core.training import dataset_features, read_training, untrained
 from lerobot_act_chunking.diagnostics.steps import plateau
 from lerobot_act_chunking.diagnostics.steps.grid import Cell, make_grid
-from lerobot_act_chunking.diagnostics.steps.positions import Measure
 from lerobot_act_chunking.diagnostics.steps.results import CellResult, Sweep
-from lerobot_act_chunking.diagnostics.steps.sources import HeldOut, hold_out, measure_of
+from lerobot_act_chunking.diagnostics.steps.sources import HeldOut, hold_out
 from lerobot_act_chunking.diagnostics.steps.subject import (
     POLICY_TYPE,
     PolicySubject,
@@ -25,7 +26,6 @@ from lerobot_act_chunking.diagnostics.steps.subject import (
 from lerobot_act_chunking.diagnostics.steps.success import SuccessOfCell
 from lerobot_act_chunking.diagnostics.steps.sweep import Progress, Scale, run_sweep
 from lerobot_act_chunking.diagnostics.steps.verdict import Judgement, judge
-from lerobot_act_chunking.diagnostics.training import dataset_features, read_training, untrained
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.policies.loading import read_config
 

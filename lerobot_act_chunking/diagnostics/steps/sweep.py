@@ -8,9 +8,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from lerobot_act_chunking.diagnostics.core.episodes import evenly
+from lerobot_act_chunking.diagnostics.core.measures import Measure, distances
 from lerobot_act_chunking.diagnostics.steps.grid import Cell, Grid
 from lerobot_act_chunking.diagnostics.steps.modes import Modes, find_all_modes
-from lerobot_act_chunking.diagnostics.steps.positions import Measure, distances
 from lerobot_act_chunking.diagnostics.steps.results import CellResult, Reference, Sweep
 from lerobot_act_chunking.diagnostics.steps.statistics import (
     chunk_error,
@@ -235,12 +236,8 @@ def _crowd(near: np.ndarray, size: int) -> np.ndarray:
     """Rows (size,) evenly from the observations near contact and, for what is missing, from the others."""
     touching, others = np.flatnonzero(near.any(1)), np.flatnonzero(~near.any(1))
     n_touching = min(len(touching), max(size // 2, size - len(others)))
-    return np.sort(np.concatenate([_evenly(touching, n_touching), _evenly(others, size - n_touching)]))
-
-
-def _evenly(rows: np.ndarray, count: int) -> np.ndarray:
-    count = min(count, len(rows))
-    return rows[np.linspace(0, len(rows) - 1, count).round().astype(int)] if count else rows[:0]
+    chosen = touching[evenly(len(touching), n_touching)], others[evenly(len(others), size - n_touching)]
+    return np.sort(np.concatenate(chosen))
 
 
 def _mean_at(values: np.ndarray, at: np.ndarray) -> np.ndarray:

@@ -22,8 +22,8 @@ from lerobot_act_chunking.diagnostics.bandwidth.push import (
 from lerobot_act_chunking.diagnostics.bandwidth.push_plot import plot_push
 from lerobot_act_chunking.diagnostics.bandwidth.report import analyse
 from lerobot_act_chunking.diagnostics.bandwidth.source import read_source
-from lerobot_act_chunking.diagnostics.environments import environment_of
-from lerobot_act_chunking.diagnostics.rollouts import Inference, Rollout
+from lerobot_act_chunking.diagnostics.core.environments import environment_of
+from lerobot_act_chunking.diagnostics.core.rollouts import Inference, Rollout
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.settings import ExecutionSettings

@@ -10,11 +10,11 @@ from rich.console import Console
 from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.diagnostics.codebook import fitting
 from lerobot_act_chunking.diagnostics.codebook.candidates import Candidate, candidates_for
-from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes
 from lerobot_act_chunking.diagnostics.codebook.comparison_card import print_comparison
 from lerobot_act_chunking.diagnostics.codebook.comparison_plot import plot_comparison
 from lerobot_act_chunking.diagnostics.codebook.fitting import compare
 from lerobot_act_chunking.diagnostics.codebook.verdict import Thresholds
+from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError
 
 C = 5

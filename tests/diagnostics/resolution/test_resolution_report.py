@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes
+from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes
 from lerobot_act_chunking.diagnostics.resolution.card import print_card, share
 from lerobot_act_chunking.diagnostics.resolution.plots import plot_report
 from lerobot_act_chunking.diagnostics.resolution.report import Question, diagnose

@@ -7,17 +7,17 @@ import pytest
 from fields import MEASURE, gaussian, grid_of, three_modes
 from rich.console import Console
 
+from lerobot_act_chunking.diagnostics.core.measures import AlohaGraspPoints
+from lerobot_act_chunking.diagnostics.core.success import SuccessRate
 from lerobot_act_chunking.diagnostics.steps import report as report_module
 from lerobot_act_chunking.diagnostics.steps.card import print_card
 from lerobot_act_chunking.diagnostics.steps.grid import Cell
 from lerobot_act_chunking.diagnostics.steps.plots import plot_report
-from lerobot_act_chunking.diagnostics.steps.positions import AlohaGraspPoints
 from lerobot_act_chunking.diagnostics.steps.report import Request, StepsReport
 from lerobot_act_chunking.diagnostics.steps.sources import HeldOut
 from lerobot_act_chunking.diagnostics.steps.success import SuccessOfCell, cells_to_run
 from lerobot_act_chunking.diagnostics.steps.sweep import Scale, run_sweep
 from lerobot_act_chunking.diagnostics.steps.verdict import judge
-from lerobot_act_chunking.diagnostics.success import SuccessRate
 from lerobot_act_chunking.errors import ConfigurationError
 
 PNG = b"\x89PNG\r\n\x1a\n"

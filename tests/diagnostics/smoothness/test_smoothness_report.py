@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pytest
 
-from lerobot_act_chunking.diagnostics.rollouts import Inference, Rollout
+from lerobot_act_chunking.diagnostics.core.rollouts import Inference, Rollout
 from lerobot_act_chunking.diagnostics.smoothness.measuring import NO_DIMENSION, measure
 from lerobot_act_chunking.diagnostics.smoothness.plots import plot_reports
 from lerobot_act_chunking.diagnostics.smoothness.report import to_json

@@ -8,9 +8,9 @@ from lerobot.configs import FeatureType, PolicyFeature
 from small_policies import STATE, make_policy, save
 
 from lerobot_act_chunking.cli.main import main
-from lerobot_act_chunking.diagnostics.environments import environment_of
-from lerobot_act_chunking.diagnostics.outcome import with_untrained
-from lerobot_act_chunking.diagnostics.training import read_training, untrained
+from lerobot_act_chunking.diagnostics.core.environments import environment_of
+from lerobot_act_chunking.diagnostics.core.outcome import with_untrained
+from lerobot_act_chunking.diagnostics.core.training import read_training, untrained
 from lerobot_act_chunking.errors import ConfigurationError, FeatureError
 
 OTHER = {"observation.state": PolicyFeature(FeatureType.STATE, (9,))}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lerobot_act_chunking.diagnostics.rollouts import Inference, Rollout
+from lerobot_act_chunking.diagnostics.core.rollouts import Inference, Rollout
 from lerobot_act_chunking.diagnostics.smoothness.chunks import (
     boundary_profile,
     boundary_ratio,

@@ -2,7 +2,7 @@ import json
 
 import pytest
 
-from lerobot_act_chunking.diagnostics.success import SuccessRate, read_success_rate
+from lerobot_act_chunking.diagnostics.core.success import SuccessRate, read_success_rate
 from lerobot_act_chunking.errors import DatasetError
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lerobot_act_chunking.diagnostics.noise_floor import measure_noise
+from lerobot_act_chunking.diagnostics.core.noise_floor import measure_noise
 
 FPS, SECONDS = 50.0, 8
 TIME = np.arange(0, SECONDS, 1 / FPS)

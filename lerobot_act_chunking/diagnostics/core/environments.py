@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
-from lerobot_act_chunking.diagnostics.compatibility import check_features, check_rate
-from lerobot_act_chunking.diagnostics.training import read_training
+from lerobot_act_chunking.diagnostics.core.compatibility import check_features, check_rate
+from lerobot_act_chunking.diagnostics.core.training import read_training
 from lerobot_act_chunking.envs.aloha.tasks import TASKS as ALOHA_TASKS
 from lerobot_act_chunking.envs.configuration_envs import AlohaSimEnvConfig
 from lerobot_act_chunking.envs.configuration_robotics import RoboticsEnvConfig

@@ -9,8 +9,8 @@ from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.scripts.lerobot_eval import rollout as lerobot_rollout
 from small_policies import CAMERA, CHUNK, JOINTS, START, make_policy
 
-from lerobot_act_chunking.diagnostics.environments import environment_for
-from lerobot_act_chunking.diagnostics.rollouts import roll_out
+from lerobot_act_chunking.diagnostics.core.environments import environment_for
+from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
 from lerobot_act_chunking.envs.aloha.tasks import sample_object_pose, stock_generator
 from lerobot_act_chunking.envs.configuration_envs import AlohaSimEnvConfig
 from lerobot_act_chunking.errors import ConfigurationError

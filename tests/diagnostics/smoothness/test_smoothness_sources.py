@@ -8,13 +8,13 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.scripts.lerobot_eval import rollout as lerobot_rollout
 from small_policies import JOINTS, make_policy, save
 
-from lerobot_act_chunking.diagnostics.environments import environment_for
-from lerobot_act_chunking.diagnostics.rollouts import roll_out
+from lerobot_act_chunking.diagnostics.core.environments import environment_for
+from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
 from lerobot_act_chunking.diagnostics.smoothness.comparison import compare, source_names
 from lerobot_act_chunking.diagnostics.smoothness.sources import (
     EvaluationSpec,
     action_std,
-    is_dataset,
+    holds_datasets,
     read_dataset,
     run_checkpoint,
 )
@@ -158,12 +158,12 @@ def test_names_tell_sources_apart(paths, names):
 
 def test_folders_are_told_apart(tmp_path):
     checkpoint = save(make_policy(), tmp_path / "policy")
-    assert not is_dataset(checkpoint)
-    assert not is_dataset("me/on_the_hub")
-    assert is_dataset(write_dataset(tmp_path / "waves"))
+    assert not holds_datasets(checkpoint)
+    assert not holds_datasets("me/on_the_hub")
+    assert holds_datasets(write_dataset(tmp_path / "waves"))
     (tmp_path / "empty").mkdir()
     with pytest.raises(DatasetError, match=r"empty holds neither a checkpoint \(config.json.*nor a dataset"):
-        is_dataset(str(tmp_path / "empty"))
+        holds_datasets(str(tmp_path / "empty"))
 
 
 def test_datasets_that_cannot_be_used_are_refused(tmp_path):

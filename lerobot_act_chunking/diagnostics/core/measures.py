@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
+from lerobot_act_chunking.data.dimension_names import dimension_names
 from lerobot_act_chunking.envs.aloha.experts import kinematics
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES, mjcf_path
 
@@ -125,3 +126,9 @@ def is_aloha(action_names: Sequence[str]) -> bool:
 def distances(points: np.ndarray, others: np.ndarray) -> np.ndarray:
     """Distance (...) between two sets of points (..., P, C): that of the pair that is farthest apart."""
     return np.linalg.norm(points - others, axis=-1).max(-1)
+
+
+def measure_of(action: dict[str, Any]) -> Measure:
+    """Grasp points for ALOHA's joints, raw units for all other actions of a LeRobot feature."""
+    names = dimension_names(action)
+    return AlohaGraspPoints() if is_aloha(names) else RawUnits(names)

@@ -17,7 +17,7 @@ from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor
 
 from lerobot_act_chunking.compat import action_of
-from lerobot_act_chunking.diagnostics.environments import EnvironmentConfig
+from lerobot_act_chunking.diagnostics.core.environments import EnvironmentConfig
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.executor import ChunkExecutor

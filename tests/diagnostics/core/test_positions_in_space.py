@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from lerobot_act_chunking.diagnostics.steps.positions import AlohaGraspPoints, RawUnits, distances, is_aloha
+from lerobot_act_chunking.diagnostics.core.measures import AlohaGraspPoints, RawUnits, distances, is_aloha
 from lerobot_act_chunking.envs.aloha.experts import kinematics
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
 from lerobot_act_chunking.envs.aloha.world import AlohaWorld
