@@ -1,5 +1,6 @@
 """Which execution is analysed: a checkpoint's, with explicit options on top of it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, get_args
 
@@ -31,7 +32,7 @@ class Source:
     fps: float | None = None
 
 
-def read_source(checkpoint: str | None, overrides: dict[str, Any]) -> Source:
+def read_source(checkpoint: str | None, overrides: Mapping[str, Any]) -> Source:
     """The execution of a checkpoint, or ACT's without one, with other values for some settings.
 
     Naming a coefficient or a weighting asks for an ensemble, naming ``crossfade_steps`` for a cross-fade.

@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Float
 
 from lerobot_act_chunking.diagnostics.core.episodes import evenly
-from lerobot_act_chunking.diagnostics.latent.card import describe, source_name
 from lerobot_act_chunking.diagnostics.latent.density import Density
 from lerobot_act_chunking.diagnostics.latent.report import FITTED, LatentReport
+from lerobot_act_chunking.diagnostics.latent.terminal import describe, source_name
 from lerobot_act_chunking.nn.latents.health import ACTIVE_NATS, ACTIVE_VARIANCE
 
 MOST_DRAWN = 1500

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from lerobot_act_chunking.diagnostics.smoothness.measuring import measure
 from lerobot_act_chunking.diagnostics.smoothness.report import SmoothnessReport
+from lerobot_act_chunking.diagnostics.smoothness.settings import EvaluationSpec
 from lerobot_act_chunking.diagnostics.smoothness.sources import (
-    EvaluationSpec,
     holds_datasets,
     read_dataset,
     run_checkpoint,

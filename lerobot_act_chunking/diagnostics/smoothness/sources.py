@@ -12,10 +12,11 @@ from lerobot.utils.constants import ACTION, OBS_STATE
 from lerobot_act_chunking.data.actions import episode_starts
 from lerobot_act_chunking.data.dimension_names import dimension_names
 from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
-from lerobot_act_chunking.diagnostics.core.environments import check_task, environment_of
+from lerobot_act_chunking.diagnostics.core.environments import environment_of
 from lerobot_act_chunking.diagnostics.core.noise_floor import NoiseFloor, measure_noise
 from lerobot_act_chunking.diagnostics.core.rollouts import Inference, Rollout, roll_out
 from lerobot_act_chunking.diagnostics.core.training import untrained
+from lerobot_act_chunking.diagnostics.smoothness.settings import EvaluationSpec
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError
 from lerobot_act_chunking.policies.loading import LoadedPolicy, load_policy
@@ -25,28 +26,6 @@ POSITIONS = (OBS_STATE, EVALUATED)
 """Columns with joint positions: LeRobot's, and the one that ``lerobot-eval --eval.recording=true`` writes."""
 SUCCESS = "next.success"
 Progress = Callable[[int], None]
-
-
-@dataclass(frozen=True)
-class EvaluationSpec:
-    """Which episodes a checkpoint is run for.
-
-    Raises:
-        ConfigurationError: too few episodes or environments, or an unknown task.
-    """
-
-    task: str = "transfer_cube"
-    success: str | None = None
-    episodes: int = 50
-    seed: int = 1000
-    n_envs: int = 50
-
-    def __post_init__(self) -> None:
-        if self.episodes < 2:
-            raise ConfigurationError(f"episodes={self.episodes}: smoothness needs at least 2")
-        if self.n_envs < 1:
-            raise ConfigurationError(f"n_envs={self.n_envs} must be at least 1")
-        check_task(self.task)
 
 
 @dataclass(frozen=True)

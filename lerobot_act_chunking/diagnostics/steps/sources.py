@@ -16,7 +16,7 @@ from lerobot_act_chunking.diagnostics.core.compatibility import OTHER_DATASET, c
 from lerobot_act_chunking.diagnostics.core.episodes import evenly
 from lerobot_act_chunking.diagnostics.core.measures import Measure, measure_of
 from lerobot_act_chunking.diagnostics.core.training import Training, read_training
-from lerobot_act_chunking.diagnostics.steps.sweep import Demonstrated
+from lerobot_act_chunking.diagnostics.steps.measuring import Demonstrated
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError, FeatureError
 
 SLOW = 0.25

@@ -9,7 +9,7 @@ from small_policies import STATE, make_policy, save
 
 from lerobot_act_chunking.cli.main import main
 from lerobot_act_chunking.diagnostics.core.environments import environment_of
-from lerobot_act_chunking.diagnostics.core.outcome import with_untrained
+from lerobot_act_chunking.diagnostics.core.report import Judgement, with_untrained
 from lerobot_act_chunking.diagnostics.core.training import read_training, untrained
 from lerobot_act_chunking.errors import ConfigurationError, FeatureError
 
@@ -44,9 +44,10 @@ def test_a_denoiser_without_normalisation_is_told_by_its_zeros(tmp_path):
 
 
 def test_an_untrained_policy_passes_nothing_and_it_is_said_first():
-    assert with_untrained("pass", ["fine"], None) == ("pass", ["fine"])
-    assert with_untrained("pass", ["fine"], "untrained") == ("warn", ["untrained", "fine"])
-    assert with_untrained("fail", ["bad"], "untrained") == ("fail", ["untrained", "bad"])
+    fine, bad = Judgement("pass", ["fine"]), Judgement("fail", ["bad"])
+    assert with_untrained(fine, None) == fine
+    assert with_untrained(fine, "untrained") == Judgement("warn", ["untrained", "fine"])
+    assert with_untrained(bad, "untrained") == Judgement("fail", ["untrained", "bad"])
 
 
 @pytest.mark.parametrize("command", ["motion", "smoothness"])

@@ -8,9 +8,10 @@ import pytest
 
 from lerobot_act_chunking.diagnostics.core.rollouts import Inference, Rollout
 from lerobot_act_chunking.diagnostics.smoothness.measuring import NO_DIMENSION, measure
-from lerobot_act_chunking.diagnostics.smoothness.plots import plot_reports
-from lerobot_act_chunking.diagnostics.smoothness.report import to_json
-from lerobot_act_chunking.diagnostics.smoothness.table import chunk_table, motion_table
+from lerobot_act_chunking.diagnostics.smoothness.plots import plot_report
+from lerobot_act_chunking.diagnostics.smoothness.report import SmoothnessComparison
+from lerobot_act_chunking.diagnostics.smoothness.settings import EvaluationSpec, Settings
+from lerobot_act_chunking.diagnostics.smoothness.terminal import chunk_table, motion_table
 from lerobot_act_chunking.errors import DatasetError, FeatureError
 
 DT, CHUNK = 0.02, 30
@@ -163,7 +164,7 @@ def test_without_positions_only_the_commands_are_measured():
     assert report.achieved is None
     assert set(report.tracking_lag_s.values()) == {None}
     assert report.undefined["achieved"] == "the source holds no joint positions beside the commands"
-    json.loads(to_json([report], {}))
+    json.loads(json.dumps(compared([report]).to_json(), allow_nan=False))
 
 
 def test_joints_without_grippers_form_one_group():
@@ -173,10 +174,16 @@ def test_joints_without_grippers_form_one_group():
     assert report.boundary_to_plan_ratio.keys() == {"arms"}
 
 
+def compared(reports):
+    asked = Settings(("a", "b"), EvaluationSpec(seed=1), replan_interval=5)
+    return SmoothnessComparison(asked=asked, sources=reports)
+
+
 def test_json_is_strict_and_complete():
     reports = [report_of(episodes(), name="a"), report_of(episodes(every=1), name="b")]
-    document = json.loads(to_json(reports, {"seed": 1}), parse_constant=pytest.fail)
-    assert document["settings"] == {"seed": 1}
+    document = json.loads(json.dumps(compared(reports).to_json()), parse_constant=pytest.fail)
+    assert document["settings"]["seed"] == 1
+    assert document["settings"]["replan_interval"] == 5
     assert [source["name"] for source in document["sources"]] == ["a", "b"]
     first, second = document["sources"]
     assert first["commanded"]["joints"]["left_waist"]["sparc"] < 0
@@ -201,7 +208,7 @@ def test_the_picture_differs_with_its_sources(tmp_path):
         report_of(rollouts, name="a") for rollouts in (episodes(), episodes(jump=0.3), episodes(every=None))
     )
     pictures = [
-        imread(plot_reports(reports, tmp_path / "deep" / "picture.png"))
+        imread(plot_report(compared(reports), tmp_path / "deep" / "picture.png"))
         for reports in ([smooth], [rough], [bare], [smooth, rough, bare])
     ]
     assert all((pictures[0] != other).mean() > 0.001 for other in pictures[1:3])

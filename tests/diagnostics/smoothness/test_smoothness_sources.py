@@ -11,8 +11,8 @@ from small_policies import JOINTS, make_policy, save
 from lerobot_act_chunking.diagnostics.core.environments import environment_for
 from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
 from lerobot_act_chunking.diagnostics.smoothness.comparison import compare, source_names
+from lerobot_act_chunking.diagnostics.smoothness.settings import EvaluationSpec
 from lerobot_act_chunking.diagnostics.smoothness.sources import (
-    EvaluationSpec,
     action_std,
     holds_datasets,
     read_dataset,

@@ -6,13 +6,14 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from lerobot_act_chunking.diagnostics.core.outcome import print_verdict
+from lerobot_act_chunking.diagnostics.core.terminal import print_verdict
 from lerobot_act_chunking.diagnostics.resolution.reconstruction import Deviation
-from lerobot_act_chunking.diagnostics.resolution.report import MOST_ABOVE_NYQUIST, ResolutionReport
+from lerobot_act_chunking.diagnostics.resolution.report import ResolutionReport
 from lerobot_act_chunking.diagnostics.resolution.strides import Stride
+from lerobot_act_chunking.diagnostics.resolution.verdict import MOST_ABOVE_NYQUIST
 
 
-def print_card(report: ResolutionReport, console: Console) -> None:
+def print_report(report: ResolutionReport, console: Console) -> None:
     """Print every stride, what the judged one does to each dimension, and the verdict."""
     demonstrations, question = report.demonstrations, report.question
     title = f"Chunks of {question.horizon_s:g} s at {demonstrations.fps:g} Hz"
@@ -26,7 +27,7 @@ def print_card(report: ResolutionReport, console: Console) -> None:
     for note in report.notes:
         console.print(f"[dim]- {escape(note)}[/]", highlight=False)
     console.print(f"recommended: {report.flags}", highlight=False, soft_wrap=True, markup=False)
-    print_verdict(report.verdict, report.reasons, console)
+    print_verdict(report, console)
 
 
 def _strides_table(report: ResolutionReport) -> Table:

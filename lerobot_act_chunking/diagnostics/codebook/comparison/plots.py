@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from lerobot_act_chunking.diagnostics.codebook.comparison import ComparisonReport
+from lerobot_act_chunking.diagnostics.codebook.comparison.report import ComparisonReport
 
 _MARKERS = {"residual_vq": "o", "fsq": "s", "dct": "^", "uniform": "D"}
 
 
-def plot_comparison(report: ComparisonReport, path: Path) -> Path:
+def plot_report(report: ComparisonReport, path: Path) -> Path:
     """What is lost against bits, and where it is lost, into a PNG; returns its path."""
     from matplotlib.figure import Figure
 

@@ -5,15 +5,15 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.table import Table
 
-from lerobot_act_chunking.diagnostics.core.outcome import print_verdict
+from lerobot_act_chunking.diagnostics.core.terminal import print_verdict
 from lerobot_act_chunking.diagnostics.steps.plateau import Series
 from lerobot_act_chunking.diagnostics.steps.report import StepsReport
 from lerobot_act_chunking.diagnostics.steps.results import CellResult, Quantiles
 
 
-def print_card(report: StepsReport, console: Console) -> None:
+def print_report(report: StepsReport, console: Console) -> None:
     """Print the sweep, what the model itself is worth, what to know about it, and the verdict."""
-    source = f"[dim]({report.settings['objective']}, {report.request.checkpoint})[/]"
+    source = f"[dim]({report.settings['objective']}, {report.asked.checkpoint})[/]"
     console.print(f"[bold]{report.own} of {report.settings['type']}[/] {source}", soft_wrap=True)
     console.print(f"Error of 95 % of the chunks against {report.sweep.reference.cell}, in {report.unit}:")
     console.print(_sweep_table(report))
@@ -23,7 +23,7 @@ def print_card(report: StepsReport, console: Console) -> None:
     console.print(facts)
     for note in report.notes:
         console.print(f"[dim]- {note}[/]", highlight=False)
-    print_verdict(report.judgement.verdict, report.judgement.reasons, console)
+    print_verdict(report, console)
 
 
 def _sweep_table(report: StepsReport) -> Table:

@@ -1,13 +1,25 @@
-"""Reports as tables for the terminal, one row per source."""
+"""The comparison on a terminal: tables with one row per source."""
 
 from collections.abc import Sequence
 
+from rich.console import Console
 from rich.table import Table
 
 from lerobot_act_chunking.data.dimension_names import is_hand
 from lerobot_act_chunking.diagnostics.core.noise_floor import listed
 from lerobot_act_chunking.diagnostics.smoothness.lag import LagGroup
-from lerobot_act_chunking.diagnostics.smoothness.report import MotionMeasures, SmoothnessReport
+from lerobot_act_chunking.diagnostics.smoothness.report import (
+    MotionMeasures,
+    SmoothnessComparison,
+    SmoothnessReport,
+)
+
+
+def print_report(report: SmoothnessComparison, console: Console) -> None:
+    """Print both tables, and what to know about each source."""
+    console.print(motion_table(report.sources), chunk_table(report.sources))
+    for note in notes(report.sources):
+        console.print(f"- {note}", style="dim", markup=False, highlight=False)
 
 
 def motion_table(reports: Sequence[SmoothnessReport]) -> Table:

@@ -4,7 +4,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from lerobot_act_chunking.diagnostics.core.outcome import COLOURS
+from lerobot_act_chunking.diagnostics.core.terminal import COLOURS, table_of
 from lerobot_act_chunking.diagnostics.latent.report import STANDARD, LatentReport
 from lerobot_act_chunking.nn.latents.health import ACTIVE_NATS, ACTIVE_VARIANCE
 
@@ -16,7 +16,7 @@ LEGEND = (
 SOURCES = {"posterior": "posterior", "shuffled": "another's posterior", "mode": "mode of the prior"}
 
 
-def print_card(report: LatentReport, console: Console) -> None:
+def print_report(report: LatentReport, console: Console) -> None:
     """Print the divergences, the errors by source of style, the groups and the verdict."""
     origin = f"[dim]({escape(report.subject.checkpoint)})[/]"
     console.print(f"[bold]{describe(report)}[/] {origin}", soft_wrap=True)
@@ -27,9 +27,8 @@ def print_card(report: LatentReport, console: Console) -> None:
     console.print(_errors_table(report))
     console.print(LEGEND, style="dim", highlight=False)
     console.print(_groups_table(report))
-    judgement = report.judgement
-    reasons = "; ".join(judgement.reasons)
-    told = f"[{COLOURS[judgement.verdict]}]{judgement.diagnosis}[/]: {escape(reasons)}"
+    reasons = "; ".join(report.reasons)
+    told = f"[{COLOURS[report.verdict]}]{report.judgement.diagnosis}[/]: {escape(reasons)}"
     console.print(told, highlight=False, soft_wrap=True)
 
 
@@ -63,7 +62,7 @@ def _divergences(report: LatentReport) -> str:
 
 
 def _errors_table(report: LatentReport) -> Table:
-    table = _table("style", "error", "x posterior", "undemonstrated", "starved")
+    table = table_of("style", "error", "x posterior", "undemonstrated", "starved")
     checks = {check.name: check for check in report.priors}
     best = max(report.errors["posterior"], 1e-12)
     for source, error in report.errors.items():
@@ -81,19 +80,11 @@ def _acts_with(report: LatentReport) -> str:
 
 def _groups_table(report: LatentReport) -> Table:
     what = "code" if report.density is None else "group"
-    table = _table(what, "demonstrations", *(check.name for check in report.priors), "posterior error")
+    table = table_of(what, "demonstrations", *(check.name for check in report.priors), "posterior error")
     order = sorted(range(len(report.groups)), key=lambda group: -report.groups[group].share)
     for i in order[:MOST_ROWS]:
         group = report.groups[i]
         shares = (f"{check.groups[i]:.1%}" for check in report.priors)
         error = "-" if group.error is None else f"{group.error:.4f}"
         table.add_row(str(i + 1), f"{group.share:.1%}", *shares, error)
-    return table
-
-
-def _table(*names: str) -> Table:
-    table = Table(box=None, pad_edge=False)
-    table.add_column(names[0])
-    for name in names[1:]:
-        table.add_column(name, justify="right")
     return table

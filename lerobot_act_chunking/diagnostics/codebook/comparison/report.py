@@ -1,17 +1,15 @@
-"""Which tokenizer suits a dataset, as one object: the command prints it, JSON holds it, plots draw it."""
+"""Everything the comparison found, as one object: the command prints it, JSON holds it, plots draw it."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from importlib.metadata import version
-from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from lerobot_act_chunking.data.timing import ChunkTiming
-from lerobot_act_chunking.diagnostics.codebook.candidates import Candidate
+from lerobot_act_chunking.diagnostics.codebook.comparison.candidates import Candidate
 from lerobot_act_chunking.diagnostics.codebook.losses import Losses
-from lerobot_act_chunking.diagnostics.codebook.verdict import Judgement, Thresholds
-from lerobot_act_chunking.diagnostics.core import outcome
+from lerobot_act_chunking.diagnostics.codebook.settings import Thresholds
 from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes
+from lerobot_act_chunking.diagnostics.core.report import Report
 
 
 @dataclass(frozen=True)
@@ -36,8 +34,8 @@ class Fitted:
     seconds: float
 
 
-@dataclass(frozen=True)
-class ComparisonReport:
+@dataclass(frozen=True, kw_only=True)
+class ComparisonReport(Report):
     """The answer to: which tokenizer suits these demonstrations?
 
     Attributes:
@@ -46,6 +44,7 @@ class ComparisonReport:
         recommended: the fewest bits that lose no more than the first threshold allows.
     """
 
+    tool: ClassVar[str] = "codebook"
     demonstrations: ActionEpisodes
     timing: ChunkTiming
     held_out: Sequence[int]
@@ -53,12 +52,6 @@ class ComparisonReport:
     fitted: list[Fitted]
     recommended: Fitted
     thresholds: Thresholds
-    judgement: Judgement
-
-    @property
-    def exit_code(self) -> int:
-        """Of the command: 0 pass or warn, 1 fail."""
-        return outcome.EXIT_CODES[self.judgement.verdict]
 
     @property
     def flags(self) -> str:
@@ -68,27 +61,21 @@ class ComparisonReport:
         )
         return f"{self.recommended.candidate.flags} {timing}"
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain numbers, strings, lists and dictionaries."""
+    def content(self) -> dict[str, Any]:
+        """Plain numbers, strings, lists and dictionaries; None for what was not or cannot be measured."""
         return {
-            "tool": "codebook",
-            "version": version("lerobot_policy_act_chunking"),
             "dataset": self.demonstrations.folder,
             "held_out": list(self.held_out),
             "fps": self.demonstrations.fps,
             "chunk_size": self.timing.chunk_size,
             "chunk_stride": self.timing.chunk_stride,
             "steps": self.steps,
-            "verdict": self.judgement.verdict,
-            "reasons": self.judgement.reasons,
+            "verdict": self.verdict,
+            "reasons": self.reasons,
             "thresholds": {"lost_variance": self.thresholds.lost_variance},
             "recommended": {"name": self.recommended.candidate.name, "flags": self.flags},
             "tokenizers": [_fitted_json(each) for each in self.fitted],
         }
-
-    def write_json(self, path: Path) -> Path:
-        """Write `to_json` to a file, creating its folder."""
-        return outcome.write_json(self.to_json(), path)
 
 
 def _fitted_json(fitted: Fitted) -> dict[str, Any]:

@@ -10,13 +10,13 @@ from lerobot_act_chunking.diagnostics.codebook.meaning import CodeUse
 from lerobot_act_chunking.diagnostics.codebook.report import CodebookReport
 from lerobot_act_chunking.diagnostics.codebook.subject import Subject
 from lerobot_act_chunking.diagnostics.codebook.usage import LevelUsage, Usage
-from lerobot_act_chunking.diagnostics.core.outcome import print_verdict
+from lerobot_act_chunking.diagnostics.core.terminal import print_verdict, table_of
 
 MOST_ROWS = 8
 MOST_DEAD = 6
 
 
-def print_card(report: CodebookReport, console: Console) -> None:
+def print_report(report: CodebookReport, console: Console) -> None:
     """Print usage, losses, what the codes do, drift, what to know about it, and the verdict."""
     subject, fps = report.subject, report.demonstrations.fps
     origin = f"[dim]({subject.kind}, {escape(subject.source)})[/]"
@@ -36,7 +36,7 @@ def print_card(report: CodebookReport, console: Console) -> None:
     console.print(facts)
     for note in report.notes:
         console.print(f"[dim]- {note}[/]", highlight=False)
-    print_verdict(report.judgement.verdict, report.judgement.reasons, console)
+    print_verdict(report, console)
 
 
 def describe(subject: Subject, fps: float) -> str:
@@ -50,7 +50,7 @@ def describe(subject: Subject, fps: float) -> str:
 
 
 def _usage_table(usage: Usage) -> Table:
-    table = _table("level", "used", "perplexity", "dead codes")
+    table = table_of("level", "used", "perplexity", "dead codes")
     shown = usage.levels if len(usage.levels) <= MOST_ROWS else _extremes(usage.levels)
     for level in shown:
         table.add_row(
@@ -76,7 +76,7 @@ def _listed(dead: list[int]) -> str:
 
 
 def _losses_table(losses: Losses) -> Table:
-    table = _table("error of the codes alone", "mean", "95 %", "variance lost")
+    table = table_of("error of the codes alone", "mean", "95 %", "variance lost")
     for loss in losses.dimensions:
         table.add_row(loss.name, *_figures(loss, "raw"))
     for loss in losses.points:
@@ -90,7 +90,7 @@ def _figures(loss: Loss, unit: str) -> tuple[str, str, str]:
 
 
 def _uses_table(uses: list[CodeUse]) -> Table:
-    table = _table("first code", "chunks", "in the episode", "combinations")
+    table = table_of("first code", "chunks", "in the episode", "combinations")
     for use in uses[:MOST_ROWS]:
         low, _, high = use.progress
         table.add_row(str(use.code), f"{use.share:.0%}", f"{low:.0%} to {high:.0%}", str(use.combinations))
@@ -127,11 +127,3 @@ def _drift(drift: Drift) -> str:
         f"codes {distances} Jensen-Shannon distance by level{chance}\n"
         f"errors {drift.error_ratio:.2f} times the training's, {drift.beyond:.1%} of chunks beyond its 99 %"
     )
-
-
-def _table(*names: str) -> Table:
-    table = Table(box=None, pad_edge=False)
-    table.add_column(names[0])
-    for name in names[1:]:
-        table.add_column(name, justify="right")
-    return table

@@ -7,14 +7,14 @@ from rich.table import Table
 
 from lerobot_act_chunking.diagnostics.bandwidth.closed_form import ClosedForm, PhaseSettle, StartUp
 from lerobot_act_chunking.diagnostics.bandwidth.report import BandwidthReport
-from lerobot_act_chunking.diagnostics.core.outcome import print_verdict
+from lerobot_act_chunking.diagnostics.core.terminal import print_verdict
 from lerobot_act_chunking.execution.settings import ExecutionSettings
 
 if TYPE_CHECKING:
     from lerobot_act_chunking.diagnostics.bandwidth.push import PushStudy
 
 
-def print_card(report: BandwidthReport, console: Console) -> None:
+def print_report(report: BandwidthReport, console: Console) -> None:
     """Print the figures, the check, what to know about them, and the verdict."""
     console.print(_title(report), soft_wrap=True)
     table = Table(show_header=False, box=None, pad_edge=False)
@@ -25,7 +25,7 @@ def print_card(report: BandwidthReport, console: Console) -> None:
         console.print(_push_table(report.push))
     for note in report.notes:
         console.print(f"[dim]- {note}[/]", highlight=False)
-    print_verdict(report.verdict, report.reasons, console)
+    print_verdict(report, console)
 
 
 def describe(settings: ExecutionSettings) -> str:

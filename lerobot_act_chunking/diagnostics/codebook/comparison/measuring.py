@@ -9,16 +9,17 @@ from lerobot.configs import NormalizationMode
 from torch import Tensor
 
 from lerobot_act_chunking.data.timing import ChunkTiming
-from lerobot_act_chunking.diagnostics.codebook.candidates import Candidate, candidates_for
 from lerobot_act_chunking.diagnostics.codebook.chunks import DemonstratedChunks, cut_chunks
 from lerobot_act_chunking.diagnostics.codebook.coding import ChunkCoder
-from lerobot_act_chunking.diagnostics.codebook.comparison import ComparisonReport, Fitted
+from lerobot_act_chunking.diagnostics.codebook.comparison.candidates import Candidate, candidates_for
+from lerobot_act_chunking.diagnostics.codebook.comparison.report import ComparisonReport, Fitted
 from lerobot_act_chunking.diagnostics.codebook.losses import measure_losses
 from lerobot_act_chunking.diagnostics.codebook.scale import ActionScale
+from lerobot_act_chunking.diagnostics.codebook.settings import Thresholds
 from lerobot_act_chunking.diagnostics.codebook.usage import measure_usage
-from lerobot_act_chunking.diagnostics.codebook.verdict import Judgement, Thresholds
 from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes
 from lerobot_act_chunking.diagnostics.core.measures import measure_of
+from lerobot_act_chunking.diagnostics.core.report import Judgement
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError
 from lerobot_act_chunking.policies.statistics import NEEDED
 from lerobot_act_chunking.policies.vqbet_chunked.presets import preset_values

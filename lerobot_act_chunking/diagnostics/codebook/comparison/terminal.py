@@ -4,9 +4,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from lerobot_act_chunking.diagnostics.codebook.comparison import ComparisonReport, Fitted
+from lerobot_act_chunking.diagnostics.codebook.comparison.report import ComparisonReport, Fitted
 from lerobot_act_chunking.diagnostics.codebook.losses import Loss
-from lerobot_act_chunking.diagnostics.core.outcome import print_verdict
+from lerobot_act_chunking.diagnostics.core.terminal import print_verdict
 
 NOTE = (
     "lost: share of the variance, mean over the dimensions, then that of the worst; in space: mean of "
@@ -14,7 +14,7 @@ NOTE = (
 )
 
 
-def print_comparison(report: ComparisonReport, console: Console) -> None:
+def print_report(report: ComparisonReport, console: Console) -> None:
     """Print what each tokenizer costs and loses, and which one to take."""
     timing, demonstrations = report.timing, report.demonstrations
     seconds = timing.control_steps / demonstrations.fps
@@ -27,7 +27,7 @@ def print_comparison(report: ComparisonReport, console: Console) -> None:
     console.print(_table(report))
     console.print(f"[dim]- {NOTE}[/]", highlight=False)
     console.print(f"recommended: {report.flags}", highlight=False, soft_wrap=True, markup=False)
-    print_verdict(report.judgement.verdict, report.judgement.reasons, console)
+    print_verdict(report, console)
 
 
 def _table(report: ComparisonReport) -> Table:

@@ -6,11 +6,11 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from lerobot_act_chunking.diagnostics.bandwidth import measured
-from lerobot_act_chunking.diagnostics.bandwidth.card import describe
+from lerobot_act_chunking.diagnostics.bandwidth import agreement as module
+from lerobot_act_chunking.diagnostics.bandwidth.agreement import check_agreement, execute
 from lerobot_act_chunking.diagnostics.bandwidth.closed_form import filter_for
 from lerobot_act_chunking.diagnostics.bandwidth.filter import ensemble_filter, newest_chunk_filter
-from lerobot_act_chunking.diagnostics.bandwidth.measured import check_agreement, execute
+from lerobot_act_chunking.diagnostics.bandwidth.terminal import describe
 from lerobot_act_chunking.execution.settings import ExecutionSettings
 
 
@@ -81,7 +81,7 @@ def test_another_filter_does_not_agree(settings, wrong):
 
 def test_noise_sees_the_weighting_that_the_gain_cannot():
     settings = ensemble(20, 1, "act", 0.1)
-    frequency, response = measured.measure_response(settings, np.random.default_rng(0))
+    frequency, response = module.measure_response(settings, np.random.default_rng(0))
     mirrored = ensemble_filter(20, 1, "recency", 0.1, 0).response(frequency)
     np.testing.assert_allclose(np.abs(response), np.abs(mirrored), atol=1e-9)
     assert np.abs(response - mirrored).max() > 0.3
@@ -94,11 +94,11 @@ def test_only_innovations_are_filtered():
 
 
 def test_a_delayed_plan_would_be_noticed(monkeypatch):
-    class Late(measured.ChunkExecutor):
+    class Late(module.ChunkExecutor):
         def step(self, predict, batch_size):
             return super().step(lambda envs: predict(envs).roll(1, dims=1), batch_size)
 
-    monkeypatch.setattr(measured, "ChunkExecutor", Late)
+    monkeypatch.setattr(module, "ChunkExecutor", Late)
     settings = ensemble(20, 1)
     agreement = check_agreement(settings, filter_for(settings))
     assert agreement.plan_error > 0.1
