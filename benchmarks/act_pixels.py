@@ -90,8 +90,8 @@ def _unexplained(joints: np.ndarray, goal: np.ndarray, held: np.ndarray) -> floa
 
 def draw(training: Training, cell: Cell, path: Path) -> None:
     """The first successful episode, larger than the policy saw it; nothing if there is none."""
-    from lerobot_act_chunking.diagnostics.environments import environment_for
-    from lerobot_act_chunking.diagnostics.rollouts import roll_out
+    from lerobot_act_chunking.diagnostics.core.environments import environment_for
+    from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
     from lerobot_act_chunking.policies.loading import load_policy
 
     best = len(STAGES) - 1

@@ -42,7 +42,7 @@ def with_shared_draws(training: Training, asked: Run, episodes: int) -> Cell:
     def reset(policy: Any, seeds: list[int]) -> None:
         policy.reset(episode_seeds=range(len(seeds)))
 
-    with patch("lerobot_act_chunking.diagnostics.rollouts.reset_episodes", reset):
+    with patch("lerobot_act_chunking.diagnostics.core.rollouts.reset_episodes", reset):
         return evaluate(training, asked, episodes)
 
 

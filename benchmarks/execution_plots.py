@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from replanning_stall import Stall, Trial
 
-from lerobot_act_chunking.diagnostics.success import SuccessRate
+from lerobot_act_chunking.diagnostics.core.success import SuccessRate
 
 NO_PAUSES = "transfer_cube, 4000 training steps"
 CURVES: dict[str, tuple[str, Callable[[dict[str, Any]], bool]]] = {

@@ -23,7 +23,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from lerobot_act_chunking.cli.quickstart import LOCAL_HUB, QuickstartPlan, run
-from lerobot_act_chunking.diagnostics.success import SuccessRate
+from lerobot_act_chunking.diagnostics.core.success import SuccessRate
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES, TASKS
 
 FIRST_SEED = 1000  # lerobot-eval's
@@ -136,8 +136,8 @@ def evaluate(
 ) -> Cell:
     """Run the episodes of one cell and measure them."""
     from lerobot_act_chunking.diagnostics.bandwidth.push import push_object
-    from lerobot_act_chunking.diagnostics.environments import environment_for
-    from lerobot_act_chunking.diagnostics.rollouts import roll_out
+    from lerobot_act_chunking.diagnostics.core.environments import environment_for
+    from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
 
     configure(loaded.policy, execution)
     env_config = environment_for(loaded.policy.config, task=task, success="touch")

@@ -19,14 +19,14 @@ from policy_training import Recording, Training, Variant
 from rich.console import Console
 from rich.table import Table
 
-from lerobot_act_chunking.diagnostics.success import SuccessRate
+from lerobot_act_chunking.diagnostics.core.success import SuccessRate
 from lerobot_act_chunking.envs.robotics.tasks import TASKS as ROBOTICS_TASKS
 from lerobot_act_chunking.errors import ActChunkingError
 
 if TYPE_CHECKING:
     from torch.nn import Module
 
-    from lerobot_act_chunking.diagnostics.rollouts import Rollout
+    from lerobot_act_chunking.diagnostics.core.rollouts import Rollout
 
 TIMED_CHUNKS, N_ENVS = 30, 50
 COUNTED = {
@@ -84,7 +84,7 @@ def evaluate(training: Training, asked: Run, episodes: int) -> Cell:
     """One cell."""
     import torch
 
-    from lerobot_act_chunking.diagnostics.environments import environment_for
+    from lerobot_act_chunking.diagnostics.core.environments import environment_for
     from lerobot_act_chunking.policies.loading import load_policy
 
     loaded = load_policy(training.checkpoints / asked.checkpoint / "pretrained_model")
@@ -112,7 +112,7 @@ def evaluate(training: Training, asked: Run, episodes: int) -> Cell:
 
 def act(loaded: Any, env_config: Any, seeds: Sequence[int]) -> "list[Rollout]":
     """The episodes; without those in which the policy's commands make the simulation diverge."""
-    from lerobot_act_chunking.diagnostics.rollouts import roll_out
+    from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
 
     try:
         return roll_out(loaded, env_config, seeds, n_envs=len(seeds))

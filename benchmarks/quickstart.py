@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 from lerobot_act_chunking.cli.quickstart import LOCAL_HUB, QuickstartPlan, run
-from lerobot_act_chunking.diagnostics.success import read_success_rate
+from lerobot_act_chunking.diagnostics.core.success import read_success_rate
 
 BASELINE_POLICY = {
     "type": "act",

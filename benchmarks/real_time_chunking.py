@@ -30,7 +30,7 @@ from typing import Any
 from execution_study import FEWEST_SUCCESSES, FIRST_SEED
 from rich.console import Console
 
-from lerobot_act_chunking.diagnostics.success import SuccessRate
+from lerobot_act_chunking.diagnostics.core.success import SuccessRate
 from lerobot_act_chunking.envs.aloha.tasks import TASKS
 from lerobot_act_chunking.errors import ActChunkingError
 
@@ -136,8 +136,8 @@ def run_episodes(loaded: Any, task: str, episodes: int) -> tuple[list[Any], set[
 
     All are run again with another episode in such a one's place, so that the others keep their noise.
     """
-    from lerobot_act_chunking.diagnostics.environments import environment_for
-    from lerobot_act_chunking.diagnostics.rollouts import roll_out
+    from lerobot_act_chunking.diagnostics.core.environments import environment_for
+    from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
 
     env_config = environment_for(loaded.policy.config, task=task, success="touch")
     seeds = list(range(FIRST_SEED, FIRST_SEED + episodes))
@@ -169,8 +169,8 @@ def motion(rollouts: list[Any], loaded: Any, delay: int) -> dict[str, float | No
 
 def time_chunks(loaded: Any, task: str) -> dict[str, float]:
     """Median time of one chunk for one environment [ms]; methods take turns, so all see the same load."""
-    from lerobot_act_chunking.diagnostics.environments import environment_for
-    from lerobot_act_chunking.diagnostics.rollouts import roll_out
+    from lerobot_act_chunking.diagnostics.core.environments import environment_for
+    from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
 
     times: dict[str, list[float]] = {}
     env_config = environment_for(loaded.policy.config, task=task, success="touch")

@@ -28,7 +28,7 @@ from rich.console import Console
 from rich.table import Table
 
 from lerobot_act_chunking.cli.quickstart import QuickstartPlan
-from lerobot_act_chunking.diagnostics.success import SuccessRate
+from lerobot_act_chunking.diagnostics.core.success import SuccessRate
 from lerobot_act_chunking.envs.aloha.tasks import TASKS
 
 PAUSES = (1.0, 0.5, 0.2)
@@ -200,8 +200,8 @@ class Trials:
         return self.done[key]
 
     def make(self, task: str, pause: float, steps: int, interval: int, lookahead: int) -> Trial:
-        from lerobot_act_chunking.diagnostics.environments import environment_for
-        from lerobot_act_chunking.diagnostics.rollouts import roll_out
+        from lerobot_act_chunking.diagnostics.core.environments import environment_for
+        from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
         from lerobot_act_chunking.policies.loading import load_policy
 
         plan = self.plan(task, pause)

@@ -26,12 +26,12 @@ from rich.console import Console
 from rich.table import Table
 
 from lerobot_act_chunking.cli.quickstart import QuickstartPlan, run
-from lerobot_act_chunking.diagnostics.success import SuccessRate
+from lerobot_act_chunking.diagnostics.core.success import SuccessRate
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
 from lerobot_act_chunking.envs.configuration_envs import AlohaSimEnvConfig
 
 if TYPE_CHECKING:
-    from lerobot_act_chunking.diagnostics.rollouts import Rollout
+    from lerobot_act_chunking.diagnostics.core.rollouts import Rollout
 
 TASK, CAMERA, HEIGHT, WIDTH = "transfer_cube", "top", 96, 128
 N_ENVS = 50
@@ -214,7 +214,7 @@ def evaluate(name: str, training: Training, episodes: int) -> Cell:
 
 def environment(config: Any) -> SeldomRenderedConfig:
     """The environment that a policy was trained in."""
-    from lerobot_act_chunking.diagnostics.environments import environment_for
+    from lerobot_act_chunking.diagnostics.core.environments import environment_for
 
     usual = environment_for(config, task=TASK, success="touch")
     return SeldomRenderedConfig(**{each.name: getattr(usual, each.name) for each in fields(usual)})

@@ -7,8 +7,9 @@ import numpy as np
 import torch
 from lerobot.configs import NormalizationMode
 
+from lerobot_act_chunking.data.actions import read_demonstrations
 from lerobot_act_chunking.data.timing import ChunkTiming
-from lerobot_act_chunking.policies.vqbet_chunked.action_chunks import ActionChunks, read_demonstrations
+from lerobot_act_chunking.policies.vqbet_chunked.action_chunks import ActionChunks
 from lerobot_act_chunking.tokenizers.make import make_tokenizer
 from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
 

@@ -10,7 +10,7 @@ import torch
 from lerobot_act_chunking.cli.quickstart import QuickstartPlan
 from lerobot_act_chunking.data.masking import hold_padding
 from lerobot_act_chunking.diagnostics.latent.encoding import Encoded
-from lerobot_act_chunking.diagnostics.latent.measures import share_outside
+from lerobot_act_chunking.diagnostics.latent.figures import share_outside
 from lerobot_act_chunking.diagnostics.steps.statistics import spread
 from lerobot_act_chunking.envs.robotics.env import RoboticsEnv
 from lerobot_act_chunking.policies.act_chunked.draws import ActingDraws

@@ -1,19 +1,13 @@
 """``act-chunking bandwidth``: how fast can a policy react that executes overlapping chunks?"""
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from contextlib import nullcontext
+from typing import Annotated
 
 import typer
-from rich.console import Console
 
-from lerobot_act_chunking.cli.options import Picture
+from lerobot_act_chunking.cli.options import Json, Picture
 from lerobot_act_chunking.cli.progress import shown
-
-if TYPE_CHECKING:
-    from lerobot_act_chunking.diagnostics.bandwidth.push import PushStudy
-    from lerobot_act_chunking.diagnostics.bandwidth.source import Source
-
-DEFAULT_FPS = 50.0
+from lerobot_act_chunking.cli.reporting import finish
 
 
 def bandwidth_command(
@@ -66,22 +60,22 @@ def bandwidth_command(
     push_step: Annotated[int, typer.Option(help="Control step of the push.")] = 40,
     episodes: Annotated[int, typer.Option(help="Episodes with and without a push.")] = 10,
     seed: Annotated[int, typer.Option(help="Seed of the first episode.")] = 1000,
-    json: Annotated[Path | None, typer.Option(help="Write every number to this file.")] = None,
+    json: Json = None,
     out: Picture = None,
 ) -> None:
     """How fast the executed command follows what the plan did not foresee, in closed form and measured.
 
     Exit status: 0 within the limits given (or none given), 11 beyond them, 10 cannot be judged.
     """
-    from lerobot_act_chunking.diagnostics.bandwidth.advice import Limits
-    from lerobot_act_chunking.diagnostics.bandwidth.card import print_card
-    from lerobot_act_chunking.diagnostics.bandwidth.report import analyse
-    from lerobot_act_chunking.diagnostics.bandwidth.source import read_source
+    from lerobot_act_chunking.diagnostics.bandwidth.diagnosis import diagnose
+    from lerobot_act_chunking.diagnostics.bandwidth.plots import plot_report
+    from lerobot_act_chunking.diagnostics.bandwidth.settings import Limits, Push, Settings
+    from lerobot_act_chunking.diagnostics.bandwidth.terminal import print_report
 
-    limits = Limits(disturbance_hz, max_settle_s, loop_gain)
-    source = read_source(
-        checkpoint,
-        {
+    push = None if env is None else Push(env, push_m, push_step, episodes, seed)
+    settings = Settings(
+        checkpoint=checkpoint,
+        execution={
             "chunk_size": chunk_size,
             "n_action_steps": n_action_steps,
             "execution": execution,
@@ -91,41 +85,10 @@ def bandwidth_command(
             "temporal_ensemble_coeff": coeff,
             "crossfade_steps": crossfade_steps,
         },
+        limits=Limits(disturbance_hz, max_settle_s, loop_gain),
+        fps=fps,
+        push=push,
     )
-    push = None
-    if env is not None:
-        push = _push(source, task=env, push_m=push_m, push_step=push_step, episodes=episodes, seed=seed)
-        fps = push.fps if fps is None else fps
-    if fps is None:
-        fps = source.fps or DEFAULT_FPS
-    report = analyse(source, fps, limits, push)
-    console = Console()
-    written = _write(report, json, out)  # before printing, which a closed pipe may end
-    print_card(report, console)
-    for line in written:
-        console.print(line, soft_wrap=True)
-    raise typer.Exit(report.exit_code)
-
-
-def _write(report: Any, json: Path | None, out: Path | None) -> list[str]:
-    written = []
-    if json is not None:
-        written.append(f"numbers: {report.write_json(json)}")
-    if out is None:
-        return written
-    if report.push is None:
-        from lerobot_act_chunking.diagnostics.bandwidth.plots import plot_report
-
-        plot_report(report, out)
-    else:
-        from lerobot_act_chunking.diagnostics.bandwidth.push_plot import plot_push
-
-        plot_push(report.push, out)
-    return [*written, f"picture: {out}"]
-
-
-def _push(source: "Source", **options: Any) -> "PushStudy":
-    from lerobot_act_chunking.diagnostics.bandwidth.push import study_push
-
-    with shown("pushing") as progress:
-        return study_push(source, **options, progress=progress)
+    with nullcontext() if push is None else shown("pushing") as progress:
+        report = diagnose(settings, progress)
+    finish(report, print_report, plot_report, json=json, picture=out)

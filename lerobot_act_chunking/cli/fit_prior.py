@@ -1,17 +1,13 @@
 """``act-chunking latent`` and ``fit-prior``: is a policy's latent in use, and what does acting sample?"""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from lerobot_act_chunking.cli.options import OUT, Picture
+from lerobot_act_chunking.cli.options import OUT, Json, Picture
 from lerobot_act_chunking.cli.progress import shown
-
-if TYPE_CHECKING:
-    from lerobot_act_chunking.diagnostics.latent.report import LatentReport
-    from lerobot_act_chunking.diagnostics.latent.samples import Samples
-    from lerobot_act_chunking.diagnostics.latent.subject import Subject
+from lerobot_act_chunking.cli.reporting import finish
 
 Checkpoint = Annotated[
     str,
@@ -22,7 +18,6 @@ MostSamples = Annotated[
     int, typer.Option("--samples", help="Chunks to encode, evenly spread over the dataset.")
 ]
 Seed = Annotated[int, typer.Option(help="Of all that is random.")]
-Json = Annotated[Path | None, typer.Option(help="Write every number to this file.")]
 
 
 def latent_command(
@@ -37,14 +32,15 @@ def latent_command(
 
     Exit status: 0 healthy or to be looked at, 11 failed: acting samples what was not demonstrated.
     """
-    from lerobot_act_chunking.diagnostics.latent.report import diagnose
-    from lerobot_act_chunking.diagnostics.latent.verdict import Thresholds
+    from lerobot_act_chunking.diagnostics.latent.diagnosis import diagnose
+    from lerobot_act_chunking.diagnostics.latent.plots import plot_report
+    from lerobot_act_chunking.diagnostics.latent.settings import Settings
+    from lerobot_act_chunking.diagnostics.latent.terminal import print_report
 
+    settings = Settings(checkpoint, dataset, samples=samples, seed=seed)
     with shown("encoding demonstrations"):
-        subject, read = _read(checkpoint, dataset, samples)
-        report = diagnose(subject, read, Thresholds(), seed=seed)
-    _show(report, json, out, [])
-    raise typer.Exit(report.exit_code)
+        report = diagnose(settings)
+    finish(report, print_report, plot_report, json=json, picture=out)
 
 
 def fit_prior_command(
@@ -64,45 +60,14 @@ def fit_prior_command(
     The new checkpoint has the same weights; the given one is not touched. Exit status: 0 the fitted density
     samples what was demonstrated, 11 it does not.
     """
-    from lerobot_act_chunking.diagnostics.latent.report import diagnose
-    from lerobot_act_chunking.diagnostics.latent.saving import sample_when_acting, save_with_density
-    from lerobot_act_chunking.diagnostics.latent.verdict import Thresholds
+    from lerobot_act_chunking.diagnostics.latent.diagnosis import fit_prior
+    from lerobot_act_chunking.diagnostics.latent.plots import plot_report
+    from lerobot_act_chunking.diagnostics.latent.settings import Settings
+    from lerobot_act_chunking.diagnostics.latent.terminal import print_report
     from lerobot_act_chunking.policies.saving import check_absent
 
     check_absent(out)
+    settings = Settings(checkpoint, dataset, samples=samples, seed=seed)
     with shown("encoding demonstrations"):
-        subject, read = _read(checkpoint, dataset, samples)
-        sample_when_acting(subject, component_weights)
-        report = diagnose(subject, read, Thresholds(), refit=True, seed=seed)
-    assert report.density is not None  # noqa: S101  (only codes have none, and those have been refused)
-    save_with_density(subject, report.density, out)
-    _show(report, json, plot, [f"checkpoint: {out}"])
-    raise typer.Exit(report.exit_code)
-
-
-def _read(checkpoint: str, dataset: str, samples: int) -> "tuple[Subject, Samples]":
-    from lerobot_act_chunking.diagnostics.latent.samples import read_samples
-    from lerobot_act_chunking.diagnostics.latent.subject import load_subject
-    from lerobot_act_chunking.errors import ConfigurationError
-
-    if samples < 2:
-        raise ConfigurationError(f"samples={samples} must be at least 2")
-    subject = load_subject(checkpoint)
-    return subject, read_samples(dataset, subject.config, samples)
-
-
-def _show(report: "LatentReport", json: Path | None, picture: Path | None, written: list[str]) -> None:
-    """Files before the terminal, which a closed pipe may end."""
-    from rich.console import Console
-
-    from lerobot_act_chunking.diagnostics.latent.card import print_card
-    from lerobot_act_chunking.diagnostics.latent.plots import plot_report
-
-    if json is not None:
-        written.append(f"numbers: {report.write_json(json)}")
-    if picture is not None:
-        written.append(f"picture: {plot_report(report, picture)}")
-    console = Console()
-    print_card(report, console)
-    for line in written:
-        console.print(line, soft_wrap=True)
+        report = fit_prior(settings, component_weights, out)
+    finish(report, print_report, plot_report, json=json, picture=plot, made=[f"checkpoint: {out}"])

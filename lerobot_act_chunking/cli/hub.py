@@ -63,7 +63,7 @@ def verify(
     folder: Folder = None,
 ) -> None:
     """Compare every file with its checksum; exit status 11 if something is damaged."""
-    from lerobot_act_chunking.diagnostics.outcome import EXIT_CODES
+    from lerobot_act_chunking.diagnostics.core.report import EXIT_CODES
     from lerobot_act_chunking.hub.verifying import verify_named
 
     hub = _hub(folder)

@@ -1,4 +1,4 @@
-"""Options that several commands share."""
+"""Options that several commands share, and how their values are read."""
 
 from pathlib import Path
 from typing import Annotated
@@ -9,3 +9,33 @@ OUT = ("--out", "--output")
 """What a command makes: a checkpoint, a file of codes, or a picture."""
 
 Picture = Annotated[Path | None, typer.Option(*OUT, help="Draw a PNG.")]
+Json = Annotated[Path | None, typer.Option(help="Write every number to this file.")]
+
+
+def whole_numbers(text: str, refusal: Exception, *, gaps: bool = False) -> tuple[int, ...]:
+    """Numbers with commas between them.
+
+    Args:
+        text: such as ``2,5,10``.
+        refusal: what to raise if there is anything else in it.
+        gaps: whether there may be nothing between two commas, or in all of the text.
+    """
+    parts = [part for part in text.split(",") if part.strip() or not gaps]
+    try:
+        return tuple(map(int, parts))
+    except ValueError:
+        raise refusal from None
+
+
+def asked_numbers(name: str, text: str | None, example: str = "2,5,10") -> tuple[int, ...]:
+    """Numbers with commas between them, of the option ``name``; none if it was not given.
+
+    Raises:
+        ConfigurationError: naming the option, its value and an example.
+    """
+    from lerobot_act_chunking.errors import ConfigurationError
+
+    if text is None:
+        return ()
+    told = f"{name}={text!r} must be numbers with commas between them: {example}"
+    return whole_numbers(text, ConfigurationError(told))

@@ -270,7 +270,7 @@ def train_afresh_or_on(plan: QuickstartPlan) -> list[str]:
 
 
 def _conclude(plan: QuickstartPlan, console: Console, seconds: float) -> None:
-    from lerobot_act_chunking.diagnostics.success import read_success_rate
+    from lerobot_act_chunking.diagnostics.core.success import read_success_rate
 
     console.print(Rule("result"))
     console.print(f"success: {read_success_rate(plan.evaluation / 'eval_info.json')}")

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from lerobot_act_chunking.cli.options import OUT
+from lerobot_act_chunking.cli.reporting import finish
 
 
 def smoothness_command(
@@ -39,21 +40,17 @@ def smoothness_command(
 
     All sources are measured in units of the first one's action standard deviation.
     """
-    from dataclasses import asdict
-
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
-    from lerobot_act_chunking.diagnostics.smoothness.comparison import compare
-    from lerobot_act_chunking.diagnostics.smoothness.plots import plot_reports
-    from lerobot_act_chunking.diagnostics.smoothness.report import to_json
-    from lerobot_act_chunking.diagnostics.smoothness.sources import EvaluationSpec
-    from lerobot_act_chunking.diagnostics.smoothness.table import chunk_table, motion_table, notes
+    from lerobot_act_chunking.diagnostics.smoothness.diagnosis import diagnose
+    from lerobot_act_chunking.diagnostics.smoothness.plots import plot_report
+    from lerobot_act_chunking.diagnostics.smoothness.settings import EvaluationSpec, Settings
+    from lerobot_act_chunking.diagnostics.smoothness.terminal import print_report
 
-    console = Console()
     spec = EvaluationSpec(task=task, success=success, episodes=episodes, seed=seed, n_envs=n_envs)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console) as bar:
+    with Progress(*columns, console=Console()) as bar:
         lines: dict[str, TaskID] = {}
 
         def show(name: str, finished: int) -> None:
@@ -61,16 +58,5 @@ def smoothness_command(
                 lines[name] = bar.add_task(f"running {name}", total=episodes)
             bar.update(lines[name], completed=finished)
 
-        reports = compare(sources, spec, replan_interval=replan_interval, progress=show)
-    written = []  # before anything is printed, which a closed pipe may end
-    if json_file is not None:
-        json_file.parent.mkdir(parents=True, exist_ok=True)
-        json_file.write_text(to_json(reports, {**asdict(spec), "replan_interval": replan_interval}))
-        written.append(f"numbers: {json_file}")
-    if out is not None:
-        written.append(f"picture: {plot_reports(reports, out)}")
-    console.print(motion_table(reports), chunk_table(reports))
-    for note in notes(reports):
-        console.print(f"- {note}", style="dim", markup=False, highlight=False)
-    for line in written:
-        console.print(line, soft_wrap=True)
+        report = diagnose(Settings(tuple(sources), spec, replan_interval), show)
+    finish(report, print_report, plot_report, json=json_file, picture=out)

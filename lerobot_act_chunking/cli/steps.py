@@ -1,15 +1,16 @@
 """``act-chunking steps``: are a diffusion policy's denoising steps enough, and would more help?"""
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 
-from lerobot_act_chunking.cli.options import Picture
+from lerobot_act_chunking.cli.options import Json, Picture, asked_numbers
+from lerobot_act_chunking.cli.reporting import finish
 
 if TYPE_CHECKING:
-    from lerobot_act_chunking.diagnostics.steps.report import Request, StepsReport
+    from lerobot_act_chunking.diagnostics.steps.report import StepsReport
+    from lerobot_act_chunking.diagnostics.steps.settings import Settings
 
 
 def steps_command(
@@ -36,57 +37,39 @@ def steps_command(
         typer.Option(help="Also run this task by number of steps, as FetchPush-v4."),
     ] = None,
     success_seeds: Annotated[int, typer.Option(min=1, help="Episodes per number of steps.")] = 50,
-    json: Annotated[Path | None, typer.Option(help="Write every number to this file.")] = None,
+    json: Json = None,
     out: Picture = None,
 ) -> None:
     """How far few denoising steps are from many, in millimetres, and whether the model is the limit instead.
 
     Exit status: 0 the policy's steps are enough, 11 they or the model are not, 10 cannot be judged.
     """
-    from lerobot_act_chunking.diagnostics.steps.card import print_card
-    from lerobot_act_chunking.diagnostics.steps.report import Request
+    from lerobot_act_chunking.diagnostics.steps.plots import plot_report
+    from lerobot_act_chunking.diagnostics.steps.settings import Settings
+    from lerobot_act_chunking.diagnostics.steps.terminal import print_report
 
-    request = Request(
+    settings = Settings(
         checkpoint=checkpoint,
         dataset=dataset,
         episodes=episodes,
         observations=observations,
         tolerance=tolerance,
         samplers=tuple(sampler or ()),
-        steps=_counts(steps),
+        steps=asked_numbers("steps", steps or None),
         seed=seed,
+        success=success,
+        success_seeds=success_seeds,
     )
-    console = Console()
-    report = _measure(request, success, success_seeds, console)
-    written = _write(report, json, out)  # before printing, which a closed pipe may end
-    print_card(report, console)
-    for line in written:
-        console.print(line, soft_wrap=True)
-    raise typer.Exit(report.exit_code)
+    finish(_diagnose(settings), print_report, plot_report, json=json, picture=out)
 
 
-def _counts(text: str | None) -> tuple[int, ...]:
-    from lerobot_act_chunking.errors import ConfigurationError
-
-    try:
-        return tuple(int(part) for part in text.split(",")) if text else ()
-    except ValueError:
-        raise ConfigurationError(f"steps={text!r} must be numbers with commas between them: 2,5,10") from None
-
-
-def _measure(request: "Request", task: str | None, n_seeds: int, console: Console) -> "StepsReport":
-    from dataclasses import replace
-
+def _diagnose(settings: "Settings") -> "StepsReport":
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
-    from lerobot_act_chunking.diagnostics.environments import check_task
-    from lerobot_act_chunking.diagnostics.steps.report import diagnose
-    from lerobot_act_chunking.diagnostics.steps.success import cells_to_run, success_by_steps
+    from lerobot_act_chunking.diagnostics.steps.diagnosis import diagnose
 
-    if task is not None:
-        check_task(task)
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console) as bar:
+    with Progress(*columns, console=Console()) as bar:
         reading = bar.add_task("reading the checkpoint and its observations", total=None)
         sampling = _show_on(bar, "sampling")
 
@@ -94,18 +77,7 @@ def _measure(request: "Request", task: str | None, n_seeds: int, console: Consol
             bar.update(reading, visible=False)
             sampling(done, planned)
 
-        report = diagnose(request, show)
-        if task is None:
-            return report
-        cells = cells_to_run(report.own, [result.cell for result in report.sweep.cells])
-        found = success_by_steps(
-            request.checkpoint,
-            cells,
-            task=task,
-            seeds=range(1000, 1000 + n_seeds),
-            progress=_show_on(bar, f"running {task}"),
-        )
-    return replace(report, success=found)
+        return diagnose(settings, show, _show_on(bar, f"running {settings.success}"))
 
 
 def _show_on(bar: Any, description: str) -> Any:
@@ -117,14 +89,3 @@ def _show_on(bar: Any, description: str) -> Any:
         bar.update(lines[0], completed=done)
 
     return show
-
-
-def _write(report: Any, json: Path | None, out: Path | None) -> list[str]:
-    from lerobot_act_chunking.diagnostics.steps.plots import plot_report
-
-    written = []
-    if json is not None:
-        written.append(f"numbers: {report.write_json(json)}")
-    if out is not None:
-        written.append(f"picture: {plot_report(report, out)}")
-    return written

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from lerobot_act_chunking.cli.options import OUT
+from lerobot_act_chunking.cli.options import OUT, asked_numbers
 
 if TYPE_CHECKING:
     from lerobot_act_chunking.policies.vqbet_chunked.action_chunks import ActionChunks
@@ -64,22 +64,11 @@ def train_tokenizer_command(
     for name in ("dataset", "out", "preset"):
         del fields[name]
     if fsq_levels is not None:
-        fields["fsq_levels"] = _numbers(fsq_levels)
+        fields["fsq_levels"] = asked_numbers("fsq_levels", fsq_levels, "8,5,5")
     info, chunks = plan_training(dataset, preset, fields, lessons)
     console = Console()
     trained = _train(out, info, chunks, console)
     _print_card(trained, out, console)
-
-
-def _numbers(text: str) -> tuple[int, ...]:
-    from lerobot_act_chunking.errors import ConfigurationError
-
-    try:
-        return tuple(int(part) for part in text.split(","))
-    except ValueError:
-        raise ConfigurationError(
-            f"fsq_levels={text!r} must be numbers with commas between them: 8,5,5"
-        ) from None
 
 
 def _train(output: Path, info: "TokenizerInfo", chunks: "ActionChunks", console: Console) -> "Trained":

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from lerobot_act_chunking.cli.options import OUT
+from lerobot_act_chunking.cli.options import OUT, whole_numbers
 
 
 def wrap_command(
@@ -69,10 +69,8 @@ def wrap_command(
 
 
 def _dimensions(text: str) -> list[int]:
-    try:
-        return [int(part) for part in text.split(",") if part.strip()]
-    except ValueError:
-        raise typer.BadParameter(f"{text!r} is not a list of dimensions such as 6,13") from None
+    refusal = typer.BadParameter(f"{text!r} is not a list of dimensions such as 6,13")
+    return list(whole_numbers(text, refusal, gaps=True))
 
 
 def _run(path: str, out: Path, **execution: Any) -> None:

@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from lerobot_act_chunking.diagnostics.training import untrained
+from lerobot_act_chunking.diagnostics.core.training import untrained
 from lerobot_act_chunking.policies.loading import load_policy
 
 FILMSTRIP_FRAMES = 6
@@ -61,8 +61,8 @@ def record_motion(
         ConfigurationError: no such checkpoint, or cameras that the environment does not have.
         FeatureError: a policy of another robot or control rate.
     """
-    from lerobot_act_chunking.diagnostics.environments import environment_of
-    from lerobot_act_chunking.diagnostics.rollouts import roll_out
+    from lerobot_act_chunking.diagnostics.core.environments import environment_of
+    from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
 
     policy = load_policy(policy_path)
     config = policy.policy.config

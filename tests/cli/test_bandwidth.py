@@ -111,7 +111,7 @@ def test_the_files_are_there_even_if_nobody_reads_the_output(tmp_path, monkeypat
     def closed(*_, **__):
         raise BrokenPipeError
 
-    monkeypatch.setattr("lerobot_act_chunking.diagnostics.bandwidth.card.print_card", closed)
+    monkeypatch.setattr("lerobot_act_chunking.diagnostics.bandwidth.terminal.print_report", closed)
     with pytest.raises(BrokenPipeError):
         main(["bandwidth", "--chunk-size", "10", "--json", str(tmp_path / "bandwidth.json")])
     assert json.loads((tmp_path / "bandwidth.json").read_text())["settle_90_steps"] == 9

@@ -12,8 +12,8 @@ from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 
 import lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked  # noqa: F401  (registers)
 from lerobot_act_chunking.cli.main import main
-from lerobot_act_chunking.diagnostics.codebook import fitting
-from lerobot_act_chunking.diagnostics.codebook.candidates import Candidate
+from lerobot_act_chunking.diagnostics.codebook.comparison import measuring
+from lerobot_act_chunking.diagnostics.codebook.comparison.candidates import Candidate
 from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import (
     TokenizerInfo,
     TokenizerTraining,
@@ -130,7 +130,7 @@ def test_a_checkpoint_whose_tokenizer_is_not_done(dataset, tmp_path, capsys):
 
 def test_tokenizers_for_a_dataset(dataset, tmp_path, monkeypatch, capsys):
     small = [Candidate({"tokenizer": "uniform", "n_bins": n}) for n in (4, 256)]
-    monkeypatch.setattr(fitting, "candidates_for", lambda chunk_size: small)
+    monkeypatch.setattr(measuring, "candidates_for", lambda chunk_size: small)
     numbers, picture = tmp_path / "comparison.json", tmp_path / "comparison.png"
     asked = ["--chunk-size", "5", "--chunk-stride", "2", "--max-lost", "0.01"]
     assert main(["codebook", dataset, *asked, "--json", str(numbers), "--out", str(picture)]) == PASSED

@@ -6,7 +6,7 @@ import pytest
 from typer.main import get_command
 
 from lerobot_act_chunking.cli.main import EXIT_STATUS, REFUSED, STOPPED, app
-from lerobot_act_chunking.diagnostics.outcome import EXIT_CODES
+from lerobot_act_chunking.diagnostics.core.report import EXIT_CODES
 
 
 def all_commands(group=None, path=()):

@@ -164,7 +164,7 @@ def test_the_files_are_there_even_if_nobody_reads_the_output(checkpoint, dataset
     def closed(*_, **__):
         raise BrokenPipeError
 
-    monkeypatch.setattr("lerobot_act_chunking.diagnostics.steps.card.print_card", closed)
+    monkeypatch.setattr("lerobot_act_chunking.diagnostics.steps.terminal.print_report", closed)
     numbers = tmp_path / "steps.json"
     asked = ["--tolerance", "1", "--observations", "3", *QUICK, "--json", str(numbers)]
     with pytest.raises(BrokenPipeError):

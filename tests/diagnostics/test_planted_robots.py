@@ -9,13 +9,15 @@ from tiers import draws
 
 from lerobot_act_chunking.data.dimension_names import dimension_names
 from lerobot_act_chunking.data.timing import ChunkTiming
-from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes, CodedChunks, cut_chunks
+from lerobot_act_chunking.diagnostics.codebook.chunks import CodedChunks, cut_chunks
 from lerobot_act_chunking.diagnostics.codebook.losses import measure_losses
-from lerobot_act_chunking.diagnostics.noise_floor import measure_noise
-from lerobot_act_chunking.diagnostics.resolution.report import Question, diagnose
-from lerobot_act_chunking.diagnostics.rollouts import Rollout
+from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes
+from lerobot_act_chunking.diagnostics.core.measures import RawUnits
+from lerobot_act_chunking.diagnostics.core.noise_floor import measure_noise
+from lerobot_act_chunking.diagnostics.core.rollouts import Rollout
+from lerobot_act_chunking.diagnostics.resolution.measuring import measure as measure_resolution
+from lerobot_act_chunking.diagnostics.resolution.settings import Question
 from lerobot_act_chunking.diagnostics.smoothness.measuring import measure
-from lerobot_act_chunking.diagnostics.steps.positions import RawUnits
 
 ROBOTS = draws(gate=20, full=300)
 FPS = (10, 15, 20, 30, 50)
@@ -127,7 +129,7 @@ def test_parts_that_do_not_move_change_nothing_for_the_others(seed):
     assert other.achieved.arms == one.achieved.arms
     assert other.lag_groups == one.lag_groups
     question = Question(horizon_s=1.0)
-    alone, together = (diagnose(demonstrations(each), question) for each in (robot, longer))
+    alone, together = (measure_resolution(demonstrations(each), question) for each in (robot, longer))
     assert (together.verdict, together.reasons) == (alone.verdict, alone.reasons)
     assert together.recommended.stride == alone.recommended.stride
 
@@ -150,7 +152,7 @@ def test_units_change_nothing_that_is_relative(seed):
         assert getattr(one.commanded.arms, name) == pytest.approx(getattr(other.commanded.arms, name))
     assert one.tracking_lag_s == pytest.approx(other.tracking_lag_s)
     question = Question(horizon_s=1.0)
-    alone, together = (diagnose(demonstrations(each), question) for each in (robot, scaled))
+    alone, together = (measure_resolution(demonstrations(each), question) for each in (robot, scaled))
     assert (together.verdict, together.recommended.stride) == (alone.verdict, alone.recommended.stride)
 
 

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from lerobot_act_chunking.diagnostics.codebook.subject import read_episodes
-from lerobot_act_chunking.diagnostics.resolution.report import Question, diagnose
+from lerobot_act_chunking.diagnostics.resolution.diagnosis import diagnose
+from lerobot_act_chunking.diagnostics.resolution.settings import Question, Settings
 from lerobot_act_chunking.diagnostics.smoothness.comparison import compare
-from lerobot_act_chunking.diagnostics.smoothness.sources import EvaluationSpec
+from lerobot_act_chunking.diagnostics.smoothness.settings import EvaluationSpec
 
 RECORDINGS = Path(os.environ.get("ACT_CHUNKING_RECORDINGS", "../shared/data"))
 
@@ -43,6 +43,6 @@ def test_an_arm_moved_by_hand_has_no_lag():
 
 
 def test_a_parked_arm_and_quantised_hands_do_not_decide_about_the_stride():
-    report = diagnose(read_episodes(folder("open50r")), Question(horizon_s=1.0))
+    report = diagnose(Settings(folder("open50r"), Question(horizon_s=1.0)))
     assert report.recommended.stride >= 4
     assert len(report.notes) == 2

@@ -20,7 +20,7 @@ from tiers import draws
 from typer.testing import CliRunner
 
 from lerobot_act_chunking.cli.hub import app
-from lerobot_act_chunking.diagnostics.outcome import EXIT_CODES
+from lerobot_act_chunking.diagnostics.core.report import EXIT_CODES
 from lerobot_act_chunking.errors import ActChunkingError
 from lerobot_act_chunking.hub.commits import Commit
 from lerobot_act_chunking.hub.names import RepoName

@@ -10,7 +10,7 @@ from huggingface_hub import HfApi, ModelCard, snapshot_download
 from typer.testing import CliRunner
 
 from lerobot_act_chunking.cli.hub import app
-from lerobot_act_chunking.diagnostics.outcome import EXIT_CODES
+from lerobot_act_chunking.diagnostics.core.report import EXIT_CODES
 from lerobot_act_chunking.errors import ActChunkingError
 from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.hub import routing

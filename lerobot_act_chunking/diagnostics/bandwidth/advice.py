@@ -1,9 +1,8 @@
-"""What a task needs from the filter, whether it gets it, and which settings would give it."""
+"""Which settings would give a task what it needs from the filter."""
 
 from dataclasses import dataclass
 
 from lerobot_act_chunking.diagnostics.bandwidth.closed_form import (
-    ClosedForm,
     ensemble_weights,
     in_hertz,
 )
@@ -13,54 +12,12 @@ from lerobot_act_chunking.diagnostics.bandwidth.filter import (
     newest_chunk_filter,
     settle_steps,
 )
-from lerobot_act_chunking.diagnostics.bandwidth.source import check_positive
+from lerobot_act_chunking.diagnostics.bandwidth.settings import LATE, Limits
 from lerobot_act_chunking.diagnostics.bandwidth.stability import gain_limit
 from lerobot_act_chunking.execution.settings import ExecutionSettings
 
-BANDWIDTH_MARGIN = 3.0  # a disturbance at a third of the -3 dB frequency passes with more than 90 %
-GAIN_MARGIN = 2.0  # 6 dB
-LATE = 0.5
-"""Share of a disturbance that may be missed; a moving average misses 46 % at a third of its bandwidth."""
-
 _INTERVALS = (1, 2, 5, 10, 20, 25, 50, 100, 200, 250, 500)
 _WEIGHTS = (("act", 0.01), ("uniform", 0.0), ("recency", 0.01), ("recency", 0.05), ("recency", 0.1))
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What the task asks for; None asks for nothing.
-
-    Attributes:
-        disturbance_hz: disturbances up to this frequency [Hz] must be followed.
-        max_settle_s: time [s] within which 90 % of a correction must be executed, whatever the replan phase.
-        loop_gain: gain of the visual loop [1/control step]: how much of an error one step's command removes.
-
-    Raises:
-        ConfigurationError: a value that is not positive.
-    """
-
-    disturbance_hz: float | None = None
-    max_settle_s: float | None = None
-    loop_gain: float | None = None
-
-    def __post_init__(self) -> None:
-        check_positive(**vars(self))
-
-    @property
-    def given(self) -> bool:
-        """Whether there is anything to judge."""
-        return any(value is not None for value in vars(self).values())
-
-    def thresholds(self) -> dict[str, float]:
-        """The least and largest acceptable figures."""
-        thresholds = {}
-        if self.disturbance_hz is not None:
-            thresholds["min_bandwidth_hz"] = BANDWIDTH_MARGIN * self.disturbance_hz
-        if self.max_settle_s is not None:
-            thresholds["max_settle_90_s"] = self.max_settle_s
-        if self.loop_gain is not None:
-            thresholds["min_k_max"] = GAIN_MARGIN * self.loop_gain
-        return thresholds
 
 
 @dataclass(frozen=True)
@@ -98,28 +55,6 @@ class Advice:
 
     recommended: Candidate | None
     candidates: list[Candidate]
-
-
-def judge(figures: ClosedForm, limits: Limits, fps: float) -> list[str]:
-    """What is wrong with these figures, one sentence each; empty if every limit is met."""
-    reasons, thresholds = [], limits.thresholds()
-    least = thresholds.get("min_bandwidth_hz")
-    if least is not None and figures.bandwidth_hz is not None and figures.bandwidth_hz < least:
-        reasons.append(
-            f"disturbances of {limits.disturbance_hz:g} Hz need a bandwidth of {least:g} Hz "
-            f"({BANDWIDTH_MARGIN:g} times as much), but it is {figures.bandwidth_hz:.3g} Hz"
-        )
-    settle = figures.phases["worst"].settle_90_steps / fps
-    if limits.max_settle_s is not None and settle > limits.max_settle_s:
-        reasons.append(
-            f"90 % of a correction takes up to {settle:.2f} s; allowed are {limits.max_settle_s:g} s"
-        )
-    if limits.loop_gain is not None and figures.k_max < thresholds["min_k_max"]:
-        reasons.append(
-            f"a loop gain of {limits.loop_gain:g} per step is more than half the limit {figures.k_max:.3g}, "
-            f"beyond which the loop oscillates ever more"
-        )
-    return reasons
 
 
 def recommend(settings: ExecutionSettings, limits: Limits, fps: float) -> Advice:

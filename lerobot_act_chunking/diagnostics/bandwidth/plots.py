@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from lerobot_act_chunking.diagnostics.bandwidth.card import describe
 from lerobot_act_chunking.diagnostics.bandwidth.closed_form import filter_for
 from lerobot_act_chunking.diagnostics.bandwidth.filter import InnovationFilter
 from lerobot_act_chunking.diagnostics.bandwidth.report import BandwidthReport
+from lerobot_act_chunking.diagnostics.bandwidth.terminal import describe
 
 _FLOOR_DB = -40.0
 _POINTS = 2000
@@ -17,8 +17,16 @@ _UNIFORM = 0.443  # -3 dB frequency times length of a long moving average
 
 
 def plot_report(report: BandwidthReport, path: Path) -> Path:
-    """Bode diagram, step responses, impulse response and other sizes, into a PNG; returns its path."""
+    """Bode diagram, step responses, impulse response and other sizes, into a PNG; returns its path.
+
+    After a push its answers are drawn in their place.
+    """
     from matplotlib.figure import Figure
+
+    if report.push is not None:
+        from lerobot_act_chunking.diagnostics.bandwidth.push_plot import plot_push
+
+        return plot_push(report.push, path)
 
     kernel = filter_for(report.source.settings)
     figure = Figure(figsize=(11, 8) if kernel else (7, 4.5), layout="constrained")

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from lerobot_act_chunking.diagnostics.bandwidth.card import describe
 from lerobot_act_chunking.diagnostics.bandwidth.push import PushResponse, PushStudy
+from lerobot_act_chunking.diagnostics.bandwidth.terminal import describe
 
 
 def plot_push(study: PushStudy, path: Path) -> Path:

@@ -1,10 +1,11 @@
 """Which execution is analysed: a checkpoint's, with explicit options on top of it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, get_args
 
-from lerobot_act_chunking.diagnostics.training import read_training
-from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
+from lerobot_act_chunking.diagnostics.core.training import read_training
+from lerobot_act_chunking.errors import unknown_choice
 from lerobot_act_chunking.execution.settings import ExecutionSettings, Mode, Weighting
 from lerobot_act_chunking.policies.loading import read_config
 
@@ -31,7 +32,7 @@ class Source:
     fps: float | None = None
 
 
-def read_source(checkpoint: str | None, overrides: dict[str, Any]) -> Source:
+def read_source(checkpoint: str | None, overrides: Mapping[str, Any]) -> Source:
     """The execution of a checkpoint, or ACT's without one, with other values for some settings.
 
     Naming a coefficient or a weighting asks for an ensemble, naming ``crossfade_steps`` for a cross-fade.
@@ -113,14 +114,3 @@ def _one_chunk_at_a_time(merged: dict[str, Any]) -> bool:
     """Each chunk runs to its end: an ensemble of one, whatever its weights."""
     used = merged.get("n_action_steps") or merged["chunk_size"]
     return merged["execution"] == "ensemble" and merged.get("replan_interval") == used
-
-
-def check_positive(**values: float | None) -> None:
-    """Refuse values that must be positive where given.
-
-    Raises:
-        ConfigurationError: naming the option and its value.
-    """
-    for name, value in values.items():
-        if value is not None and not 0 < value < float("inf"):
-            raise ConfigurationError(f"{name}={value} must be a positive number")

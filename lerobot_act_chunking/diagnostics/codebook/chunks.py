@@ -1,37 +1,15 @@
 """Chunks of demonstrated actions, and what a tokenizer makes of them."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from lerobot_act_chunking.data.timing import ChunkTiming
-from lerobot_act_chunking.diagnostics.noise_floor import measure_noise
+from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes, evenly
+from lerobot_act_chunking.diagnostics.core.noise_floor import measure_noise
 from lerobot_act_chunking.errors import DatasetError
 
 MOST_CHUNKS = 10_000
-
-
-@dataclass(frozen=True)
-class ActionEpisodes:
-    """The actions of a dataset.
-
-    Attributes:
-        folder: where it lies.
-        fps: control steps per second.
-        names: of the action's dimensions.
-        episodes: actions (L, A) in raw units by episode.
-    """
-
-    folder: str
-    fps: float
-    names: Sequence[str]
-    episodes: dict[int, np.ndarray]
-
-    def only(self, episodes: Sequence[int]) -> "ActionEpisodes":
-        """These episodes alone, as far as there are any."""
-        kept = {each: self.episodes[each] for each in episodes if each in self.episodes}
-        return ActionEpisodes(self.folder, self.fps, self.names, kept)
 
 
 @dataclass(frozen=True)
@@ -126,7 +104,8 @@ def cut_chunks(
             f"no episode of {demonstrations.folder} is half as long as a chunk of {timing.control_steps} "
             "control steps: choose a shorter chunk_size or chunk_stride"
         )
-    episode, step = _evenly(np.concatenate(starts), most).T
+    rows = np.concatenate(starts)
+    episode, step = rows[evenly(len(rows), most)].T
     lengths = np.array([len(demonstrations.episodes[each]) for each in episode])
     steps = step[:, None] + offsets
     held = np.minimum(steps, lengths[:, None] - 1)
@@ -147,9 +126,3 @@ def _moving(demonstrations: ActionEpisodes) -> np.ndarray:
     floor = measure_noise(list(demonstrations.episodes.values()), demonstrations.fps, demonstrations.names)
     kinds = np.array([dimension.kind for dimension in floor.dimensions])
     return kinds == "moves" if floor.moving else kinds != "constant"
-
-
-def _evenly(rows: np.ndarray, most: int) -> np.ndarray:
-    if len(rows) <= most:
-        return rows
-    return rows[np.linspace(0, len(rows) - 1, most).round().astype(int)]

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes, CodedChunks
-from lerobot_act_chunking.diagnostics.steps.positions import Measure, RawUnits
+from lerobot_act_chunking.diagnostics.codebook.chunks import CodedChunks
+from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes
+from lerobot_act_chunking.diagnostics.core.measures import Measure, RawUnits
 
 WORST = 5
 

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from lerobot_act_chunking.diagnostics.codebook.card import describe
 from lerobot_act_chunking.diagnostics.codebook.meaning import MOST_CODES, TENTHS, CodeUse
 from lerobot_act_chunking.diagnostics.codebook.report import CodebookReport
-from lerobot_act_chunking.diagnostics.steps.positions import RawUnits
+from lerobot_act_chunking.diagnostics.codebook.terminal import describe
+from lerobot_act_chunking.diagnostics.core.measures import RawUnits
 
 MOST_LEVELS = 4
 COLUMNS = 6
@@ -24,7 +24,7 @@ def plot_report(report: CodebookReport, path: Path) -> Path:
     rows = -(-len(drawn) // COLUMNS)
     height = 2.5 if isinstance(report.measure, RawUnits) else 1.9
     figure = Figure(figsize=(15, 4.4 + height * rows), layout="constrained")
-    figure.suptitle(f"{describe(report.subject, report.demonstrations.fps)}: {report.judgement.verdict}")
+    figure.suptitle(f"{describe(report.subject, report.demonstrations.fps)}: {report.verdict}")
     upper: Any = figure
     if rows:
         parts: Any = figure.subfigures(2, 1, height_ratios=(4, height * rows))

@@ -1,39 +1,22 @@
 """Everything the diagnosis found, as one object: the command prints it, JSON holds it, plots draw it."""
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from importlib.metadata import version
-from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-import numpy as np
-
-from lerobot_act_chunking.diagnostics import outcome
-from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes, CodedChunks, cut_chunks
-from lerobot_act_chunking.diagnostics.codebook.drift import Drift, measure_drift
-from lerobot_act_chunking.diagnostics.codebook.losses import Losses, measure_losses
-from lerobot_act_chunking.diagnostics.codebook.meaning import CodeUse, uses_of_first_code
+from lerobot_act_chunking.diagnostics.codebook.chunks import CodedChunks
+from lerobot_act_chunking.diagnostics.codebook.drift import Drift
+from lerobot_act_chunking.diagnostics.codebook.losses import Losses
+from lerobot_act_chunking.diagnostics.codebook.meaning import CodeUse
+from lerobot_act_chunking.diagnostics.codebook.settings import Thresholds
 from lerobot_act_chunking.diagnostics.codebook.subject import Subject
-from lerobot_act_chunking.diagnostics.codebook.usage import Usage, measure_usage
-from lerobot_act_chunking.diagnostics.codebook.verdict import Judgement, Thresholds, judge
-from lerobot_act_chunking.diagnostics.noise_floor import listed
-from lerobot_act_chunking.diagnostics.steps.positions import Measure
-from lerobot_act_chunking.diagnostics.steps.sources import measure_of
-from lerobot_act_chunking.diagnostics.training import untrained
-
-BINS = (
-    "Its codes are bins of single values and none refines another: what a single code does is not drawn, and "
-    "empty bins are no fault."
-)
-NOT_TRAINING_DATA = (
-    "The data it was trained on are not here ({folder}): usage and errors are those of {given}, and drift "
-    "cannot be measured."
-)
-SAME_DATA = "--dataset is the data it was trained on: there is no drift to measure."
+from lerobot_act_chunking.diagnostics.codebook.usage import Usage
+from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes
+from lerobot_act_chunking.diagnostics.core.measures import Measure
+from lerobot_act_chunking.diagnostics.core.report import Report
 
 
-@dataclass(frozen=True)
-class CodebookReport:
+@dataclass(frozen=True, kw_only=True)
+class CodebookReport(Report):
     """The answer to: what does this codebook do, and does it still fit?
 
     Attributes:
@@ -45,6 +28,7 @@ class CodebookReport:
         other: these data, coded.
     """
 
+    tool: ClassVar[str] = "codebook"
     subject: Subject
     demonstrations: ActionEpisodes
     measure: Measure
@@ -55,20 +39,12 @@ class CodebookReport:
     drift: Drift | None
     other: CodedChunks | None
     thresholds: Thresholds
-    judgement: Judgement
     notes: list[str]
 
-    @property
-    def exit_code(self) -> int:
-        """Of the command: 0 pass or warn, 1 fail, 2 inconclusive."""
-        return outcome.EXIT_CODES[self.judgement.verdict]
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain numbers, strings, lists and dictionaries; None for what was not measured."""
+    def content(self) -> dict[str, Any]:
+        """Plain numbers, strings, lists and dictionaries; None for what was not or cannot be measured."""
         subject = self.subject
         return {
-            "tool": "codebook",
-            "version": version("lerobot_policy_act_chunking"),
             "checkpoint": subject.source,
             "kind": subject.kind,
             "settings": dict(subject.settings),
@@ -78,8 +54,8 @@ class CodebookReport:
             "n_chunks": len(self.coded.chunks),
             "chunk_size": subject.coder.timing.chunk_size,
             "chunk_stride": subject.coder.timing.chunk_stride,
-            "verdict": self.judgement.verdict,
-            "reasons": self.judgement.reasons,
+            "verdict": self.verdict,
+            "reasons": self.reasons,
             "thresholds": asdict(self.thresholds),
             "usage": _usage_json(self.usage),
             "losses": asdict(self.losses),
@@ -87,92 +63,6 @@ class CodebookReport:
             "drift": self.drift and asdict(self.drift),
             "notes": self.notes,
         }
-
-    def write_json(self, path: Path) -> Path:
-        """Write `to_json` to a file, creating its folder."""
-        return outcome.write_json(self.to_json(), path)
-
-
-def diagnose(
-    subject: Subject,
-    training: ActionEpisodes | None,
-    other: ActionEpisodes | None,
-    thresholds: Thresholds,
-    *,
-    seed: int = 0,
-) -> CodebookReport:
-    """Code demonstrations and measure what the codes do, what they lose, and how other data differ.
-
-    Args:
-        subject: the tokenizer.
-        training: what it was trained on, if that is here.
-        other: further demonstrations; at least one of the two.
-        thresholds: when to worry.
-        seed: of the random choices of training episodes that drift is held against.
-
-    Raises:
-        DatasetError: no episode is half as long as a chunk.
-    """
-    demonstrations = training or other
-    if demonstrations is None:
-        raise ValueError("neither training nor other demonstrations")
-    compares = training is not None and other is not None and not _same(training, other)
-    coder = subject.coder
-    coded = coder.code(cut_chunks(demonstrations, coder.timing))
-    coded_other = coder.code(cut_chunks(other, coder.timing)) if compares and other is not None else None
-    measure = measure_of({"names": list(demonstrations.names), "shape": (len(demonstrations.names),)})
-    usage = measure_usage(coded.codes, coder.tokenizer.vocabulary)
-    losses = measure_losses(coded, demonstrations, measure)
-    drift = None
-    if coded_other is not None and other is not None:
-        drift = measure_drift(coded, coded_other, usage.vocabulary, other.folder, seed=seed)
-    judgement = judge(subject, usage, losses, drift, thresholds)
-    return CodebookReport(
-        subject=subject,
-        demonstrations=demonstrations,
-        measure=measure,
-        coded=coded,
-        usage=usage,
-        losses=losses,
-        uses=uses_of_first_code(coded) if coder.tokenizer.coarse_to_fine else [],
-        drift=drift,
-        other=coded_other,
-        thresholds=thresholds,
-        judgement=Judgement(
-            *outcome.with_untrained(judgement.verdict, judgement.reasons, untrained(subject.source))
-        ),
-        notes=[*_notes(subject, training, other), *_still(coded, demonstrations)],
-    )
-
-
-def _same(training: ActionEpisodes, other: ActionEpisodes) -> bool:
-    return Path(training.folder).resolve() == Path(other.folder).resolve() and list(
-        training.episodes
-    ) == list(other.episodes)
-
-
-def _notes(subject: Subject, training: ActionEpisodes | None, other: ActionEpisodes | None) -> list[str]:
-    rules: list[tuple[bool, Callable[[], str]]] = [
-        (not subject.coder.tokenizer.coarse_to_fine, lambda: BINS),
-        (
-            training is None,
-            lambda: NOT_TRAINING_DATA.format(
-                folder=subject.trained_on.folder or "it does not say where", given=other and other.folder
-            ),
-        ),
-        (training is not None and other is not None and _same(training, other), lambda: SAME_DATA),
-    ]
-    return [note() for applies, note in rules if applies]
-
-
-def _still(coded: CodedChunks, demonstrations: ActionEpisodes) -> list[str]:
-    """Dimensions that are in no verdict."""
-    names = [demonstrations.names[int(dim)] for dim in np.flatnonzero(~coded.chunks.moving)]
-    return (
-        [f"{len(names)} dimensions do not move beyond their noise, and do not count: {listed(names)}."]
-        if names
-        else []
-    )
 
 
 def _usage_json(usage: Usage) -> dict[str, Any]:

@@ -5,14 +5,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from lerobot.utils.constants import ACTION
-
+from lerobot_act_chunking.data.actions import is_dataset
 from lerobot_act_chunking.data.timing import ChunkTiming
-from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes
 from lerobot_act_chunking.diagnostics.codebook.coding import ChunkCoder
 from lerobot_act_chunking.diagnostics.codebook.scale import ActionScale
-from lerobot_act_chunking.diagnostics.training import Training, dataset_fps, read_training
+from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes, read_episodes
+from lerobot_act_chunking.diagnostics.core.training import Training, read_training
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError, FeatureError
 
 POLICY_TYPE = "vqbet_chunked"
@@ -105,37 +103,6 @@ def training_episodes(subject: Subject) -> ActionEpisodes | None:
         return None
     found = read_episodes(folder)
     return check_fits(subject, found if episodes is None else found.only(episodes))
-
-
-def is_dataset(path: str) -> bool:
-    """Whether this is a LeRobotDataset's folder."""
-    return (Path(path) / "meta" / "info.json").is_file()
-
-
-def read_episodes(folder: str) -> ActionEpisodes:
-    """The actions of a LeRobotDataset; nothing else of it is read.
-
-    Raises:
-        DatasetError: there is none, it is damaged or empty, or an action is not finite.
-    """
-    from lerobot_act_chunking.policies.vqbet_chunked.action_chunks import read_demonstrations
-
-    found = read_demonstrations(Path(folder))
-    actions = found.actions.numpy()
-    if not len(actions):
-        raise DatasetError(f"the dataset at {folder} holds no episodes")
-    if not np.isfinite(actions).all():
-        (first, *_), _ = np.nonzero(~np.isfinite(actions))
-        raise DatasetError(
-            f"{ACTION!r} of the dataset at {folder} is not finite in episode "
-            f"{found.episode[first]}: leave that out"
-        )
-    fps = dataset_fps(folder)
-    if fps is None:
-        raise DatasetError(f"{folder}/meta/info.json has no control rate (fps) above 0")
-    starts = np.flatnonzero(np.diff(found.episode, prepend=-1))
-    by_episode = zip(found.episode[starts], np.split(actions, starts[1:]), strict=True)
-    return ActionEpisodes(folder, fps, found.names, {int(each): rows for each, rows in by_episode})
 
 
 def check_fits(subject: Subject, demonstrations: ActionEpisodes) -> ActionEpisodes:

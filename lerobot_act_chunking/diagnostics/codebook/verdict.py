@@ -1,14 +1,15 @@
 """The answer in words: is the codebook in use, fine enough, and still that of the data?"""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any, Self
+from dataclasses import fields
+from typing import Any
 
 from lerobot_act_chunking.diagnostics.codebook.drift import Drift
 from lerobot_act_chunking.diagnostics.codebook.losses import Losses
+from lerobot_act_chunking.diagnostics.codebook.settings import Thresholds
 from lerobot_act_chunking.diagnostics.codebook.subject import Subject
 from lerobot_act_chunking.diagnostics.codebook.usage import Usage
-from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.diagnostics.core.report import Judgement
 from lerobot_act_chunking.tokenizers.spec import LEARNED, TokenizerSpec
 
 FEWEST_CHUNKS = 256
@@ -16,46 +17,6 @@ SEVERITY = ("pass", "warn", "fail")
 
 Finding = tuple[str, str]
 """How bad, one of `SEVERITY`, and why."""
-
-
-@dataclass(frozen=True)
-class Thresholds:
-    """Beyond the first number of a pair the verdict is warn, beyond the second fail.
-
-    Attributes:
-        dead: share of a level's codes that are never used, where codes are learned.
-        lost_variance: share of the actions' variance that the codes lose.
-        unsaid: the same of a single dimension; warn only.
-        distance: Jensen-Shannon distance to the training data's codes, above what chance makes; warn only.
-        error_ratio: RMS error relative to that of the training data.
-        beyond: share of chunks with errors that 99 % of the training chunks do not have.
-    """
-
-    dead: tuple[float, float] = (0.25, 0.5)
-    lost_variance: tuple[float, float] = (0.1, 0.5)
-    unsaid: float = 0.5
-    distance: float = 0.2
-    error_ratio: tuple[float, float] = (1.5, 3.0)
-    beyond: tuple[float, float] = (0.05, 0.2)
-
-    @classmethod
-    def losing(cls, share: float) -> Self:
-        """The usual ones, but for the share of the variance that may be lost.
-
-        Raises:
-            ConfigurationError: it is no share.
-        """
-        if not 0 < share < 1:
-            raise ConfigurationError(f"max_lost={share} must be between 0 and 1")
-        return cls(lost_variance=(share, max(share, cls.lost_variance[1])))
-
-
-@dataclass(frozen=True)
-class Judgement:
-    """The answer: pass, warn, fail or inconclusive, and why, in whole sentences."""
-
-    verdict: str
-    reasons: list[str]
 
 
 def judge(

@@ -4,10 +4,11 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from jaxtyping import Float, Int64
 
 from lerobot_act_chunking.errors import DatasetError
-from lerobot_act_chunking.nn.latents.gaussian import MOST_COMPONENTS
+from lerobot_act_chunking.nn.latents.gaussian import MOST_COMPONENTS, GaussianLatent
 
 COMPONENTS = (1, 2, 3, 4, 6, 8, 12, MOST_COMPONENTS)
 MOST_SAMPLES = 5000  # on which candidates are fitted
@@ -90,3 +91,12 @@ def _best(z: Float[np.ndarray, "N L"], kind: str, seed: int) -> Density:
 def _stalled(bic: dict[int, float]) -> bool:
     values = list(bic.values())
     return len(values) > PATIENCE and min(values[-PATIENCE:]) > min(values[:-PATIENCE])
+
+
+def with_density(latent: GaussianLatent, density: Density) -> GaussianLatent:
+    """A latent like this one that samples from the density."""
+    fitted = GaussianLatent(latent.dim, temperature=latent.temperature, uniform=latent.uniform)
+    fitted.fit_density(
+        *(torch.from_numpy(each).float() for each in (density.weights, density.means, density.scales))
+    )
+    return fitted

@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from lerobot_act_chunking.diagnostics.latent.card import describe, source_name
+from lerobot_act_chunking.diagnostics.core.episodes import evenly
 from lerobot_act_chunking.diagnostics.latent.density import Density
 from lerobot_act_chunking.diagnostics.latent.report import FITTED, LatentReport
+from lerobot_act_chunking.diagnostics.latent.terminal import describe, source_name
 from lerobot_act_chunking.nn.latents.health import ACTIVE_NATS, ACTIVE_VARIANCE
 
 MOST_DRAWN = 1500
@@ -71,7 +72,7 @@ def _draw_space(ax: Any, report: LatentReport) -> None:
     mean = report.encoded.mean
     plane = PCA(min(2, *mean.shape), random_state=0).fit(mean)
     explained = plane.explained_variance_ratio_
-    shown = _spread(len(mean))
+    shown = evenly(len(mean), MOST_DRAWN)
     first = next(iter(report.drawn))
     points = _flat(plane.transform(report.drawn[first][shown]))
     ax.scatter(*points.T, s=6, c="0.7", linewidths=0, label=f"samples of {first}")
@@ -118,7 +119,3 @@ def _draw_errors(ax: Any, report: LatentReport) -> None:
 def _flat(points: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n 2"]:
     """Points of a plane, also where there is but a line."""
     return np.pad(points, ((0, 0), (0, 2 - points.shape[1])))
-
-
-def _spread(n: int) -> np.ndarray:
-    return np.unique(np.linspace(0, n - 1, MOST_DRAWN).round().astype(int))

@@ -12,9 +12,11 @@ from lerobot.datasets.factory import resolve_delta_timestamps
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from torch.utils.data import DataLoader, Subset
 
+from lerobot_act_chunking.data.actions import episode_starts, require_dataset
 from lerobot_act_chunking.data.fast_chunks.dataset import FastChunkDataset
 from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
-from lerobot_act_chunking.diagnostics.compatibility import OTHER_DATASET, check_features, check_rate
+from lerobot_act_chunking.diagnostics.core.compatibility import OTHER_DATASET, check_features, check_rate
+from lerobot_act_chunking.diagnostics.core.episodes import evenly
 from lerobot_act_chunking.errors import DatasetError, FeatureError
 
 AT_ONCE = 256
@@ -63,10 +65,7 @@ def read_samples(folder: str, config: Any, most: int) -> Samples:
         FeatureError: it lacks what the policy needs, or has another shape of it.
     """
     path = Path(folder)
-    if not (path / "meta" / "info.json").is_file():
-        raise DatasetError(
-            f"there is no dataset at {folder}: give a LeRobotDataset's folder (with meta/info.json)"
-        )
+    require_dataset(folder)
     quiet_missing_ffmpeg()
     name = f"local/{path.name}"
     try:
@@ -83,13 +82,13 @@ def read_samples(folder: str, config: Any, most: int) -> Samples:
         raise DatasetError(f"the dataset at {folder} cannot be read: {error!r}") from error
     if not episode.size:
         raise DatasetError(f"the dataset at {folder} holds no episodes")
-    rows = np.unique(np.linspace(0, len(episode) - 1, most).round().astype(np.int64))
+    rows = evenly(len(episode), most)
     return Samples(folder, dataset, rows, episode[rows], _progress(episode)[rows])
 
 
 def _progress(episode: Int64[np.ndarray, " F"]) -> Float[np.ndarray, " F"]:
     """Place of each frame in its episode, from 0 to 1."""
-    starts = np.flatnonzero(np.diff(episode, prepend=episode[0] - 1))
+    starts = episode_starts(episode)
     lengths = np.diff([*starts, len(episode)])
     step = np.arange(len(episode)) - np.repeat(starts, lengths)
     return step / np.maximum(np.repeat(lengths, lengths) - 1, 1)

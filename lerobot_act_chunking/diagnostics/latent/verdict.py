@@ -4,45 +4,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from lerobot_act_chunking.diagnostics.latent.measures import SMALLEST_GROUP, Group, Health, PriorCheck
+from lerobot_act_chunking.diagnostics.core.report import Judgement
+from lerobot_act_chunking.diagnostics.latent.figures import SMALLEST_GROUP, Group, Health, PriorCheck
+from lerobot_act_chunking.diagnostics.latent.settings import Thresholds
 
 HEALTHY, COLLAPSE, HOLE = "healthy", "posterior collapse", "prior hole"
 
 
 @dataclass(frozen=True)
-class Thresholds:
-    """When to worry.
-
-    Attributes:
-        information: decoding with another demonstration's style must raise the error by this share; else the
-            decoder does not listen to the latent.
-        outside: share of the prior's samples that nothing demonstrated is like.
-        starved: share of the demonstrations that the prior hardly samples.
-        by_place: share of the styles' variance that the place in the episode explains, beyond which sampling
-            without looking at the observation gives styles of other situations.
-        poor_group: error of a group, relative to the mean, beyond which the decoder has not learned it.
-    """
-
-    information: float = 0.05
-    outside: float = 0.1
-    starved: float = 0.02
-    by_place: float = 0.3
-    poor_group: float = 2.0
-
-
-@dataclass(frozen=True)
-class Judgement:
-    """The answer.
+class LatentJudgement(Judgement):
+    """The answer; the first reason is the diagnosis's.
 
     Attributes:
         diagnosis: ``posterior collapse``, ``prior hole`` or ``healthy``.
-        verdict: pass, warn or fail.
-        reasons: whole sentences, the diagnosis's first.
     """
 
     diagnosis: str
-    verdict: str
-    reasons: list[str]
 
 
 @dataclass(frozen=True)
@@ -71,7 +48,7 @@ class Evidence:
         return self.errors["shuffled"] / max(self.errors["posterior"], 1e-12) - 1
 
 
-def judge(evidence: Evidence, thresholds: Thresholds) -> Judgement:
+def judge(evidence: Evidence, thresholds: Thresholds) -> LatentJudgement:
     """Diagnose a latent.
 
     A collapsed latent is a warning: the policy acts as one without a latent, which may be all that the task
@@ -80,7 +57,8 @@ def judge(evidence: Evidence, thresholds: Thresholds) -> Judgement:
     poor = _poor_groups(evidence, thresholds)
     collapse = _collapse(evidence, thresholds)
     if collapse:
-        return Judgement(COLLAPSE, "warn", [f"{' and '.join(collapse)}: {_listen(evidence)}", *poor])
+        reasons = [f"{' and '.join(collapse)}: {_listen(evidence)}", *poor]
+        return LatentJudgement("warn", reasons, COLLAPSE)
     hole, remedy = _hole(evidence, thresholds), _fill(evidence)
     if not hole and _of_situations(evidence, thresholds):
         hole = [
@@ -94,13 +72,13 @@ def judge(evidence: Evidence, thresholds: Thresholds) -> Judgement:
         kept = (
             [] if samples else ["it acts with the mode of the prior (z_inference=mode) and samples nothing"]
         )
-        return Judgement(HOLE, verdict, [f"{' and '.join(hole)}: {remedy}", *kept, *poor])
+        return LatentJudgement(verdict, [f"{' and '.join(hole)}: {remedy}", *kept, *poor], HOLE)
     found = (
         f"the latent tells {evidence.health.kl:.2g} nats, another demonstration's style raises the error by "
         f"{evidence.information:.0%}, and {1 - evidence.acting.outside:.0%} of the prior's samples are like "
         "demonstrated ones"
     )
-    return Judgement(HEALTHY, "warn" if poor else "pass", [found, *poor])
+    return LatentJudgement("warn" if poor else "pass", [found, *poor], HEALTHY)
 
 
 def _collapse(evidence: Evidence, thresholds: Thresholds) -> list[str]:

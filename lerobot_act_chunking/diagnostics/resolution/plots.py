@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from lerobot_act_chunking.diagnostics.resolution.report import MOST_ABOVE_NYQUIST, ResolutionReport
+from lerobot_act_chunking.diagnostics.resolution.report import ResolutionReport
+from lerobot_act_chunking.diagnostics.resolution.verdict import MOST_ABOVE_NYQUIST
 
 LEAST_SHARE = 1e-7
 _RECOMMENDED = "tab:green"

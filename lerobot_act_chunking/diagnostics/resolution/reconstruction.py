@@ -7,8 +7,8 @@ import numpy as np
 import torch
 
 from lerobot_act_chunking.data.timing import ChunkTiming
-from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes
-from lerobot_act_chunking.diagnostics.steps.positions import Measure, RawUnits, distances
+from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes, evenly
+from lerobot_act_chunking.diagnostics.core.measures import Measure, RawUnits, distances
 from lerobot_act_chunking.errors import DatasetError
 from lerobot_act_chunking.execution.interpolation import upsample
 
@@ -92,7 +92,7 @@ def whole_chunks(demonstrations: ActionEpisodes, control_steps: int) -> np.ndarr
             f"no episode of {demonstrations.folder} is as long as a chunk of {control_steps} control steps, "
             f"the longest has {max(map(len, episodes.values()))}: choose a shorter --horizon-s"
         )
-    kept = np.linspace(0, len(starts) - 1, min(len(starts), MOST_CHUNKS)).round().astype(int)
+    kept = evenly(len(starts), MOST_CHUNKS)
     chunks = [episodes[each][first : first + control_steps] for each, first in (starts[i] for i in kept)]
     return np.stack(chunks).astype(np.float64)
 

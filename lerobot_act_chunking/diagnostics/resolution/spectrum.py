@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes
+from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes
 
 STRAIGHT = 1e-12
 """Energy, as a share of the squared range, that straight lines leave behind by rounding."""

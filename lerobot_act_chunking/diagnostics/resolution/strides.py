@@ -8,11 +8,11 @@ import numpy as np
 
 from lerobot_act_chunking.data.dimension_names import is_hand
 from lerobot_act_chunking.data.timing import ChunkTiming
-from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes
-from lerobot_act_chunking.diagnostics.noise_floor import NoiseFloor
+from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes
+from lerobot_act_chunking.diagnostics.core.measures import Measure
+from lerobot_act_chunking.diagnostics.core.noise_floor import NoiseFloor
 from lerobot_act_chunking.diagnostics.resolution.reconstruction import Reconstruction, reconstruct
 from lerobot_act_chunking.diagnostics.resolution.spectrum import Spectrum
-from lerobot_act_chunking.diagnostics.steps.positions import Measure
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.policies.seconds import to_chunk_size
 

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lerobot_act_chunking.diagnostics.rollouts import Rollout
+from lerobot_act_chunking.diagnostics.core.episodes import evenly
+from lerobot_act_chunking.diagnostics.core.rollouts import Rollout
 from lerobot_act_chunking.diagnostics.smoothness.metrics import Trajectories, UndefinedMeasureError
 
 MAX_AGES = 24
@@ -164,17 +165,13 @@ def _ages(episodes: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
         counts = np.correlate(inferred, inferred, "full")[len(inferred) - 1 :][: chunks.shape[1]]
         occurs[: len(counts)] |= counts > 0
     ages = np.flatnonzero(occurs[1:]) + 1
-    return ages[np.unique(np.linspace(0, len(ages) - 1, MAX_AGES).round().astype(int))] if len(ages) else ages
+    return ages[evenly(len(ages), MAX_AGES)]
 
 
 def _pairs(steps: np.ndarray, age: int) -> tuple[np.ndarray, np.ndarray]:
     """Indices of inferences that lie ``age`` steps apart, at most `MAX_PAIRS`, evenly spread."""
     older = np.flatnonzero(np.isin(steps + age, steps))
-    older = (
-        older[np.unique(np.linspace(0, len(older) - 1, MAX_PAIRS).round().astype(int))]
-        if len(older)
-        else older
-    )
+    older = older[evenly(len(older), MAX_PAIRS)]
     return older, np.searchsorted(steps, steps[older] + age)
 
 

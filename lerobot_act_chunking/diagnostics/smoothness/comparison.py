@@ -7,9 +7,9 @@ from pathlib import Path
 
 from lerobot_act_chunking.diagnostics.smoothness.measuring import measure
 from lerobot_act_chunking.diagnostics.smoothness.report import SmoothnessReport
+from lerobot_act_chunking.diagnostics.smoothness.settings import EvaluationSpec
 from lerobot_act_chunking.diagnostics.smoothness.sources import (
-    EvaluationSpec,
-    is_dataset,
+    holds_datasets,
     read_dataset,
     run_checkpoint,
 )
@@ -38,7 +38,7 @@ def compare(
         DatasetError: a folder with neither checkpoint nor dataset, or fewer than two episodes.
         FeatureError: the sources move different joints.
     """
-    datasets = [is_dataset(path) for path in paths]
+    datasets = [holds_datasets(path) for path in paths]
     if replan_interval is not None and not any(datasets):
         raise ConfigurationError(
             f"replan_interval={replan_interval} is for datasets; a checkpoint's own setting decides for it"

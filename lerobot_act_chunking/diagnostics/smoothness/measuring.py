@@ -5,8 +5,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from lerobot_act_chunking.data.dimension_names import is_hand
-from lerobot_act_chunking.diagnostics.noise_floor import NoiseFloor
-from lerobot_act_chunking.diagnostics.rollouts import Rollout
+from lerobot_act_chunking.diagnostics.core.noise_floor import NoiseFloor
+from lerobot_act_chunking.diagnostics.core.rollouts import Rollout
 from lerobot_act_chunking.diagnostics.smoothness import chunks, metrics
 from lerobot_act_chunking.diagnostics.smoothness.metrics import UndefinedMeasureError
 from lerobot_act_chunking.diagnostics.smoothness.report import (

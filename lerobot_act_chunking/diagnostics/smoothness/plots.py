@@ -1,4 +1,4 @@
-"""Reports as one picture."""
+"""The comparison as a picture."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,15 +8,16 @@ import numpy as np
 
 from lerobot_act_chunking.diagnostics.smoothness.chunks import PROFILE_STEPS
 from lerobot_act_chunking.diagnostics.smoothness.metrics import HIGH_FREQUENCY_HZ
-from lerobot_act_chunking.diagnostics.smoothness.report import SmoothnessReport
+from lerobot_act_chunking.diagnostics.smoothness.report import SmoothnessComparison, SmoothnessReport
 
 _DECADES = 8  # of power below the largest that are drawn
 
 
-def plot_reports(reports: Sequence[SmoothnessReport], path: Path) -> Path:
+def plot_report(report: SmoothnessComparison, path: Path) -> Path:
     """Steps around chunk boundaries, spectra, disagreement and jerk of each source, into a PNG; its path."""
     from matplotlib.figure import Figure
 
+    reports = report.sources
     figure = Figure(figsize=(11, 7.5), layout="constrained")
     boundary, spectrum, disagreement, jerk = figure.subplots(2, 2).ravel()
     colors = [f"C{i % 10}" for i in range(len(reports))]
@@ -25,8 +26,8 @@ def plot_reports(reports: Sequence[SmoothnessReport], path: Path) -> Path:
     _draw_disagreement(disagreement, reports, colors)
     _draw_jerk(jerk, reports, colors)
     handles = [
-        figure.axes[1].plot([], [], color=color, label=report.name)[0]
-        for report, color in zip(reports, colors, strict=True)
+        figure.axes[1].plot([], [], color=color, label=each.name)[0]
+        for each, color in zip(reports, colors, strict=True)
     ]
     figure.legend(handles=handles, loc="outside upper center", ncols=min(3, len(reports)))
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,9 +1,11 @@
-"""What is known about the smoothness of one source of episodes, as plain data."""
+"""What is known about the smoothness of each source of episodes, as plain data."""
 
-import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
+from typing import Any, ClassVar
 
+from lerobot_act_chunking.diagnostics.core.report import Judgement, Report
 from lerobot_act_chunking.diagnostics.smoothness.lag import LagGroup
+from lerobot_act_chunking.diagnostics.smoothness.settings import Settings
 
 
 @dataclass(frozen=True)
@@ -96,11 +98,21 @@ class SmoothnessReport:
     notes: list[str]
 
 
-def to_json(reports: list[SmoothnessReport], settings: dict[str, object]) -> str:
-    """Reports and the settings they were made with, free of NaN."""
-    document = {
-        "tool": "act-chunking smoothness",
-        "settings": settings,
-        "sources": list(map(asdict, reports)),
-    }
-    return json.dumps(document, indent=1, allow_nan=False)
+@dataclass(frozen=True, kw_only=True)
+class SmoothnessComparison(Report):
+    """Smoothness of every source, in the same units. It judges none of them: it always passes.
+
+    Attributes:
+        asked: what was asked.
+        sources: one report for each.
+    """
+
+    tool: ClassVar[str] = "act-chunking smoothness"
+    asked: Settings
+    sources: list[SmoothnessReport]
+    judgement: Judgement = field(default_factory=lambda: Judgement("pass", []))
+
+    def content(self) -> dict[str, Any]:
+        """The settings they were made with, and the sources, free of NaN."""
+        settings = {**asdict(self.asked.evaluation), "replan_interval": self.asked.replan_interval}
+        return {"settings": settings, "sources": [asdict(source) for source in self.sources]}

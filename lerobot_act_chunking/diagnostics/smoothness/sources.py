@@ -9,12 +9,14 @@ import numpy as np
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.utils.constants import ACTION, OBS_STATE
 
+from lerobot_act_chunking.data.actions import episode_starts
 from lerobot_act_chunking.data.dimension_names import dimension_names
 from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
-from lerobot_act_chunking.diagnostics.environments import check_task, environment_of
-from lerobot_act_chunking.diagnostics.noise_floor import NoiseFloor, measure_noise
-from lerobot_act_chunking.diagnostics.rollouts import Inference, Rollout, roll_out
-from lerobot_act_chunking.diagnostics.training import untrained
+from lerobot_act_chunking.diagnostics.core.environments import environment_of
+from lerobot_act_chunking.diagnostics.core.noise_floor import NoiseFloor, measure_noise
+from lerobot_act_chunking.diagnostics.core.rollouts import Inference, Rollout, roll_out
+from lerobot_act_chunking.diagnostics.core.training import untrained
+from lerobot_act_chunking.diagnostics.smoothness.settings import EvaluationSpec
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError
 from lerobot_act_chunking.policies.loading import LoadedPolicy, load_policy
@@ -24,28 +26,6 @@ POSITIONS = (OBS_STATE, EVALUATED)
 """Columns with joint positions: LeRobot's, and the one that ``lerobot-eval --eval.recording=true`` writes."""
 SUCCESS = "next.success"
 Progress = Callable[[int], None]
-
-
-@dataclass(frozen=True)
-class EvaluationSpec:
-    """Which episodes a checkpoint is run for.
-
-    Raises:
-        ConfigurationError: too few episodes or environments, or an unknown task.
-    """
-
-    task: str = "transfer_cube"
-    success: str | None = None
-    episodes: int = 50
-    seed: int = 1000
-    n_envs: int = 50
-
-    def __post_init__(self) -> None:
-        if self.episodes < 2:
-            raise ConfigurationError(f"episodes={self.episodes}: smoothness needs at least 2")
-        if self.n_envs < 1:
-            raise ConfigurationError(f"n_envs={self.n_envs} must be at least 1")
-        check_task(self.task)
 
 
 @dataclass(frozen=True)
@@ -71,7 +51,7 @@ class Source:
     floor: NoiseFloor | None = None
 
 
-def is_dataset(path: str) -> bool:
+def holds_datasets(path: str) -> bool:
     """Whether a path is a folder with datasets in it, and no checkpoint.
 
     Raises:
@@ -178,7 +158,7 @@ def _episodes(dataset: LeRobotDataset, replan_interval: int | None) -> list[Roll
     commands = np.asarray(table[ACTION], float)
     positions = np.asarray(table[position], float) if position else np.empty((len(commands), 0))
     success = np.asarray(table[SUCCESS], bool).ravel() if SUCCESS in table else np.zeros(len(commands), bool)
-    starts = np.flatnonzero(np.diff(np.asarray(table["episode_index"]), prepend=-1))
+    starts = episode_starts(np.asarray(table["episode_index"]))
     ends = [*starts[1:], len(commands)]
     return [
         Rollout(

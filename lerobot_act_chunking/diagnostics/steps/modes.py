@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lerobot_act_chunking.diagnostics.steps.positions import distances
+from lerobot_act_chunking.diagnostics.core.measures import distances
 from lerobot_act_chunking.diagnostics.steps.statistics import chunk_distances, chunk_error
 
 CLEAR = 0.75

@@ -9,12 +9,14 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.utils.constants import ACTION
 from torch.utils.data import default_collate
 
+from lerobot_act_chunking.data.actions import episode_starts, is_dataset
 from lerobot_act_chunking.data.dimension_names import dimension_names
 from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
-from lerobot_act_chunking.diagnostics.compatibility import OTHER_DATASET, check_features, check_rate
-from lerobot_act_chunking.diagnostics.steps.positions import AlohaGraspPoints, Measure, RawUnits, is_aloha
-from lerobot_act_chunking.diagnostics.steps.sweep import Demonstrated
-from lerobot_act_chunking.diagnostics.training import Training, read_training
+from lerobot_act_chunking.diagnostics.core.compatibility import OTHER_DATASET, check_features, check_rate
+from lerobot_act_chunking.diagnostics.core.episodes import evenly
+from lerobot_act_chunking.diagnostics.core.measures import Measure, measure_of
+from lerobot_act_chunking.diagnostics.core.training import Training, read_training
+from lerobot_act_chunking.diagnostics.steps.measuring import Demonstrated
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError, FeatureError
 
 SLOW = 0.25
@@ -70,7 +72,7 @@ def hold_out(
             raise ConfigurationError(f"{name}={value} must be at least 1")
     training = read_training(checkpoint, config)
     folder = Path(path or training.folder or "")
-    if not (folder / "meta" / "info.json").exists():
+    if not is_dataset(folder):
         absent = f"there is no dataset at {path}" if path else "the checkpoint's training dataset is not here"
         raise DatasetError(f"{absent}: give a LeRobotDataset's folder (with meta/info.json) as --dataset")
     dataset = _open(folder, config, training.fps)
@@ -83,7 +85,8 @@ def hold_out(
         grippers = actions[start:end, _grippers(dataset.meta.features[ACTION])]
         near[start:end] = near_contact(measure.points(actions[start:end]), grippers, dataset.meta.fps)
     starts = [np.arange(spans[each][0], spans[each][1] - n_steps + 1) for each in chosen]
-    rows = _evenly(np.concatenate(starts), observations)
+    rows = np.concatenate(starts)
+    rows = rows[evenly(len(rows), observations)]
     if not rows.size:
         raise DatasetError(f"no episode of {folder} is as long as the {n_steps} control steps of a chunk")
     windows = rows[:, None] + np.arange(n_steps)
@@ -96,12 +99,6 @@ def hold_out(
         demonstrated=Demonstrated(actions[windows], near[windows]),
         measure=measure,
     )
-
-
-def measure_of(action: dict[str, Any]) -> Measure:
-    """Grasp points for ALOHA's joints, raw units for all other actions of a LeRobot feature."""
-    names = dimension_names(action)
-    return AlohaGraspPoints() if is_aloha(names) else RawUnits(names)
 
 
 def near_contact(points: np.ndarray, grippers: np.ndarray, fps: float) -> np.ndarray:
@@ -145,7 +142,7 @@ def _column(dataset: LeRobotDataset, name: str) -> np.ndarray:
 
 def _spans(episode_index: np.ndarray) -> dict[int, tuple[int, int]]:
     """First and behind-the-last row of each episode, in their order."""
-    starts = np.flatnonzero(np.diff(episode_index, prepend=-1))
+    starts = episode_starts(episode_index)
     ends = [*starts[1:], len(episode_index)]
     return {
         int(episode_index[start]): (int(start), int(end)) for start, end in zip(starts, ends, strict=True)
@@ -154,10 +151,6 @@ def _spans(episode_index: np.ndarray) -> dict[int, tuple[int, int]]:
 
 def _grippers(action: dict[str, Any]) -> list[int]:
     return [dim for dim, name in enumerate(dimension_names(action)) if "gripper" in name]
-
-
-def _evenly(rows: np.ndarray, count: int) -> np.ndarray:
-    return rows[np.unique(np.linspace(0, len(rows) - 1, count).round().astype(int))] if rows.size else rows
 
 
 def _collate(dataset: LeRobotDataset, rows: np.ndarray, config: Any) -> dict[str, Any]:

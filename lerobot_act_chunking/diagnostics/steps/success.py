@@ -4,10 +4,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from lerobot_act_chunking.diagnostics.environments import environment_of
-from lerobot_act_chunking.diagnostics.rollouts import roll_out
+from lerobot_act_chunking.diagnostics.core.environments import environment_of
+from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
+from lerobot_act_chunking.diagnostics.core.success import SuccessRate
 from lerobot_act_chunking.diagnostics.steps.grid import Cell
-from lerobot_act_chunking.diagnostics.success import SuccessRate
 from lerobot_act_chunking.policies.loading import load_policy
 
 MOST_STEPS = 20

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from lerobot_act_chunking.diagnostics.core.report import Judgement
 from lerobot_act_chunking.diagnostics.steps.grid import Cell
 from lerobot_act_chunking.diagnostics.steps.plateau import (
     BY_FAR,
@@ -21,22 +22,21 @@ Verdict = tuple[str, list[str]]
 
 
 @dataclass(frozen=True)
-class Judgement:
+class StepsJudgement(Judgement):
     """The answer.
 
     Attributes:
-        verdict: pass, warn, fail or inconclusive.
+        series: every sampler over all step counts.
+        recommended: the sampler to use, if any is enough.
         limit: what no number of steps can mend, `plateau.SPREAD` or `plateau.CONVERGENCE`; None for nothing.
     """
 
-    verdict: str
-    reasons: list[str]
     series: list[Series]
     recommended: Recommendation | None
     limit: str | None
 
 
-def judge(sweep: Sweep, own: Cell, tolerance: float, unit: str) -> Judgement:
+def judge(sweep: Sweep, own: Cell, tolerance: float, unit: str) -> StepsJudgement:
     """Find each sampler's plateau and say whether the policy's own steps are on it.
 
     Args:
@@ -56,7 +56,7 @@ def judge(sweep: Sweep, own: Cell, tolerance: float, unit: str) -> Judgement:
         verdict, reasons = _by_the_reference(sweep, own, tolerance, unit)
     if recommended is not None and verdict != "inconclusive":
         reasons += _advice(sweep.of(own), recommended)
-    return Judgement(verdict, reasons, series, recommended, limit)
+    return StepsJudgement(verdict, reasons, series, recommended, limit)
 
 
 def _too_few(sweep: Sweep) -> Verdict:

@@ -1,15 +1,11 @@
-"""Chunks of demonstrated actions, read from a dataset's action column alone."""
+"""Chunks of demonstrated actions, normalised as a policy's processors do it."""
 
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 import torch
 from jaxtyping import Bool, Float, Int64
 from lerobot.configs import FeatureType, NormalizationMode, PolicyFeature
-from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.processor import (
     NormalizerProcessorStep,
     TransitionKey,
@@ -19,66 +15,16 @@ from lerobot.processor import (
 from lerobot.utils.constants import ACTION
 from torch import Tensor
 
-from lerobot_act_chunking.data.dimension_names import dimension_names
+from lerobot_act_chunking.data.actions import Demonstrations, episode_starts
 from lerobot_act_chunking.data.fast_chunks.windows import EpisodeWindows
 from lerobot_act_chunking.data.masking import hold_padding
-from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
 from lerobot_act_chunking.data.timing import ChunkTiming
-from lerobot_act_chunking.errors import DatasetError
 from lerobot_act_chunking.policies.statistics import (
     NEEDED,
     Normalised,
     check_statistics,
     floored_statistics,
 )
-
-
-@dataclass(frozen=True)
-class Demonstrations:
-    """The actions of a dataset.
-
-    Attributes:
-        folder: where it is.
-        names: of the action dimensions.
-        actions: raw actions of all episodes, one after the other.
-        episode: index of the episode of each action.
-        stats: the dataset's statistics.
-    """
-
-    folder: Path
-    names: tuple[str, ...]
-    actions: Float[Tensor, "F A"]
-    episode: Int64[np.ndarray, " F"]
-    stats: dict[str, Any]
-
-
-def read_demonstrations(folder: Path) -> Demonstrations:
-    """Read a LeRobotDataset's actions; no image, video or state is touched.
-
-    Raises:
-        DatasetError: there is no dataset, it is damaged, or its actions are no vectors.
-    """
-    if not (folder / "meta" / "info.json").exists():
-        raise DatasetError(
-            f"there is no dataset at {folder}: give a LeRobotDataset's folder (with meta/info.json)"
-        )
-    quiet_missing_ffmpeg()
-    try:
-        meta = LeRobotDatasetMetadata(f"local/{folder.name}", root=folder)
-        feature = meta.features[ACTION]
-        (width,) = feature["shape"]
-        tables = [
-            pq.read_table(file, columns=[ACTION, "episode_index"])
-            for file in sorted((folder / "data").rglob("*.parquet"))
-        ]
-        actions = np.concatenate([_rows(table[ACTION], width) for table in tables])
-        episode = np.concatenate([table["episode_index"].to_numpy() for table in tables])
-    except Exception as error:  # whatever LeRobot and its parsers raise on damaged files
-        raise DatasetError(f"the actions of the dataset at {folder} cannot be read: {error!r}") from error
-    names = dimension_names(feature)
-    return Demonstrations(
-        folder, names, torch.from_numpy(actions), episode.astype(np.int64), meta.stats or {}
-    )
 
 
 class ActionChunks:
@@ -116,7 +62,7 @@ class ActionChunks:
         }
         self._unnormalize = UnnormalizerProcessorStep(**how)
         self._actions = _apply(NormalizerProcessorStep(**how), demonstrations.actions)
-        starts = np.flatnonzero(np.diff(demonstrations.episode, prepend=-1))
+        starts = episode_starts(demonstrations.episode)
         ends = np.append(starts[1:], len(demonstrations.episode))
         self.longest_episode = int((ends - starts).max())
         self._episode = np.repeat(np.arange(len(starts)), ends - starts)
@@ -145,8 +91,3 @@ class ActionChunks:
 
 def _apply(step: Any, actions: Tensor) -> Tensor:
     return step(create_transition(action=actions))[TransitionKey.ACTION]
-
-
-def _rows(column: Any, width: int) -> Float[np.ndarray, "F A"]:
-    flat = np.concatenate([chunk.flatten().to_numpy() for chunk in column.chunks])
-    return flat.astype(np.float32).reshape(-1, width)

@@ -13,9 +13,10 @@ import numpy as np
 import torch
 from lerobot.configs import NormalizationMode
 
+from lerobot_act_chunking.data.actions import read_demonstrations
 from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
-from lerobot_act_chunking.policies.vqbet_chunked.action_chunks import ActionChunks, read_demonstrations
+from lerobot_act_chunking.policies.vqbet_chunked.action_chunks import ActionChunks
 from lerobot_act_chunking.policies.vqbet_chunked.presets import preset_values
 from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import (
     TokenizerInfo,

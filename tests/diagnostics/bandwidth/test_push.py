@@ -10,7 +10,7 @@ from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 
 import lerobot_act_chunking.policies.act_chunked.configuration_act_chunked  # noqa: F401  (registers the type)
 from lerobot_act_chunking.diagnostics.bandwidth import push as push_module
-from lerobot_act_chunking.diagnostics.bandwidth.advice import Limits
+from lerobot_act_chunking.diagnostics.bandwidth.measuring import measure
 from lerobot_act_chunking.diagnostics.bandwidth.push import (
     apply_execution,
     compare,
@@ -20,10 +20,10 @@ from lerobot_act_chunking.diagnostics.bandwidth.push import (
     study_push,
 )
 from lerobot_act_chunking.diagnostics.bandwidth.push_plot import plot_push
-from lerobot_act_chunking.diagnostics.bandwidth.report import analyse
+from lerobot_act_chunking.diagnostics.bandwidth.settings import Limits
 from lerobot_act_chunking.diagnostics.bandwidth.source import read_source
-from lerobot_act_chunking.diagnostics.environments import environment_of
-from lerobot_act_chunking.diagnostics.rollouts import Inference, Rollout
+from lerobot_act_chunking.diagnostics.core.environments import environment_of
+from lerobot_act_chunking.diagnostics.core.rollouts import Inference, Rollout
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.settings import ExecutionSettings
@@ -101,7 +101,7 @@ def test_is_reproducible_reported_and_drawn(tmp_path):
     path = checkpoint(tmp_path / "checkpoint")
     first, second = (study(path, execution="receding", replan_interval=5, episodes=1) for _ in range(2))
     assert first == second
-    report = analyse(read_source(path, {}), 50.0, Limits(), first)
+    report = measure(read_source(path, {}), 50.0, Limits(), first)
     content = report.to_json()["push"]
     assert content["task"] == "transfer_cube"
     assert [r["settings"]["execution"] for r in content["responses"]][-1] == "ensemble"

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from lerobot_act_chunking.diagnostics.bandwidth import report as report_module
-from lerobot_act_chunking.diagnostics.bandwidth.advice import Limits, recommend
-from lerobot_act_chunking.diagnostics.bandwidth.card import print_card
+from lerobot_act_chunking.diagnostics.bandwidth import measuring
+from lerobot_act_chunking.diagnostics.bandwidth.advice import recommend
 from lerobot_act_chunking.diagnostics.bandwidth.closed_form import closed_form
+from lerobot_act_chunking.diagnostics.bandwidth.measuring import measure
 from lerobot_act_chunking.diagnostics.bandwidth.plots import plot_report
-from lerobot_act_chunking.diagnostics.bandwidth.report import analyse
+from lerobot_act_chunking.diagnostics.bandwidth.settings import Limits
 from lerobot_act_chunking.diagnostics.bandwidth.source import Source, read_source
+from lerobot_act_chunking.diagnostics.bandwidth.terminal import print_report
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.settings import ExecutionSettings
 
@@ -23,13 +24,13 @@ RARE = {"chunk_size": 20, "replan_interval": 6, "latency_steps": 1}
 
 
 def report_of(overrides, fps=50.0, **limits):
-    return analyse(read_source(None, overrides), fps, Limits(**limits))
+    return measure(read_source(None, overrides), fps, Limits(**limits))
 
 
 def card_of(report):
     console = Console(width=160)
     with console.capture() as capture:
-        print_card(report, console)
+        print_report(report, console)
     return capture.get()
 
 
@@ -141,8 +142,8 @@ def test_an_executor_that_differs_from_the_formula_fails(monkeypatch):
     def disagree(settings, kernel):
         return dataclasses.replace(agree(settings, kernel), step_error=0.1)
 
-    agree = report_module.check_agreement
-    monkeypatch.setattr(report_module, "check_agreement", disagree)
+    agree = measuring.check_agreement
+    monkeypatch.setattr(measuring, "check_agreement", disagree)
     report = report_of(ACT)
     assert report.verdict == "fail"
     assert "the executor does not do what the formula says: step error 1.0e-01" in report.reasons[0]
@@ -182,7 +183,7 @@ def test_recommendations_meet_the_limits_and_are_no_longer_than_needed(limits, i
             candidate.temporal_ensemble_coeff,
             candidate.ensemble_weighting,
         )
-        report = analyse(Source(recommended), 50.0, limits)
+        report = measure(Source(recommended), 50.0, limits)
         assert report.verdict == "pass"
         assert report.figures.effective_samples == pytest.approx(candidate.effective_samples)
         assert f"--policy.replan_interval={candidate.replan_interval}" in candidate.flags
@@ -201,7 +202,7 @@ def test_a_moving_average_of_the_allowed_length_is_hard_to_beat():
 
 def test_latency_that_nothing_can_mend():
     settings = ExecutionSettings(80, "ensemble", replan_interval=1, latency_steps=30)
-    report = analyse(Source(settings), 50.0, Limits(max_settle_s=0.5))
+    report = measure(Source(settings), 50.0, Limits(max_settle_s=0.5))
     assert report.advice.recommended is None
     assert report.advice.candidates == []
     assert "make inference faster" in card_of(report)
@@ -240,7 +241,7 @@ def test_card_with_phases_and_advice():
 
 def test_grippers_are_mentioned():
     settings = ExecutionSettings(20, "ensemble", replan_interval=1, gripper_dims=(6, 13))
-    assert "Dimensions [6, 13] (grippers)" in card_of(analyse(Source(settings), 50.0, Limits()))
+    assert "Dimensions [6, 13] (grippers)" in card_of(measure(Source(settings), 50.0, Limits()))
 
 
 @pytest.mark.parametrize(

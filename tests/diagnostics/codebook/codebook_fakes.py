@@ -5,11 +5,11 @@ import torch
 from lerobot.configs import NormalizationMode
 
 from lerobot_act_chunking.data.timing import ChunkTiming
-from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes
 from lerobot_act_chunking.diagnostics.codebook.coding import ChunkCoder
 from lerobot_act_chunking.diagnostics.codebook.scale import ActionScale
 from lerobot_act_chunking.diagnostics.codebook.subject import Subject
-from lerobot_act_chunking.diagnostics.training import Training
+from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes
+from lerobot_act_chunking.diagnostics.core.training import Training
 from lerobot_act_chunking.tokenizers.tokenizer import ActionTokenizer
 
 A, C, STRIDE = 2, 4, 3

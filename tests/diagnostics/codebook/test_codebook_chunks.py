@@ -9,8 +9,9 @@ from lerobot.policies.act.configuration_act import ACTConfig
 from lerobot.policies.factory import make_pre_post_processors
 
 from lerobot_act_chunking.data.timing import ChunkTiming
-from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes, cut_chunks
+from lerobot_act_chunking.diagnostics.codebook.chunks import cut_chunks
 from lerobot_act_chunking.diagnostics.codebook.scale import ActionScale
+from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes
 from lerobot_act_chunking.errors import DatasetError
 from lerobot_act_chunking.policies.loading import LoadedPolicy
 

@@ -8,13 +8,13 @@ import pytest
 from rich.console import Console
 
 from lerobot_act_chunking.data.timing import ChunkTiming
-from lerobot_act_chunking.diagnostics.codebook import fitting
-from lerobot_act_chunking.diagnostics.codebook.candidates import Candidate, candidates_for
-from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes
-from lerobot_act_chunking.diagnostics.codebook.comparison_card import print_comparison
-from lerobot_act_chunking.diagnostics.codebook.comparison_plot import plot_comparison
-from lerobot_act_chunking.diagnostics.codebook.fitting import compare
-from lerobot_act_chunking.diagnostics.codebook.verdict import Thresholds
+from lerobot_act_chunking.diagnostics.codebook.comparison import measuring
+from lerobot_act_chunking.diagnostics.codebook.comparison.candidates import Candidate, candidates_for
+from lerobot_act_chunking.diagnostics.codebook.comparison.measuring import compare
+from lerobot_act_chunking.diagnostics.codebook.comparison.plots import plot_report
+from lerobot_act_chunking.diagnostics.codebook.comparison.terminal import print_report
+from lerobot_act_chunking.diagnostics.codebook.settings import Thresholds
+from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError
 
 C = 5
@@ -42,7 +42,7 @@ def compared(data=None, *, steps=30, allowed=0.1, **options):
 @pytest.fixture(scope="module")
 def report():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fitting, "candidates_for", lambda chunk_size: SMALL)
+        patch.setattr(measuring, "candidates_for", lambda chunk_size: SMALL)
         return compared()
 
 
@@ -61,21 +61,19 @@ def test_costs_and_losses(report):
 
 def test_the_fewest_bits_that_are_good_enough(report):
     for allowed in (0.9, 0.01):
-        best, judgement = fitting._recommend(report.fitted, allowed)
+        best, judgement = measuring._recommend(report.fitted, allowed)
         enough = [each for each in report.fitted if each.losses.lost_variance <= allowed]
         assert best is min(enough, key=lambda each: each.bits)
         assert judgement.verdict == "pass"
         assert best.candidate.name in judgement.reasons[0]
-    best, judgement = fitting._recommend(report.fitted, 1e-9)
+    best, judgement = measuring._recommend(report.fitted, 1e-9)
     assert best.candidate.kind == "uniform"
     assert judgement.verdict == "fail"
     assert "choose shorter chunks or more --steps" in judgement.reasons[0]
 
 
 def test_what_is_written(report, tmp_path):
-    content = json.loads(
-        report.write_json(tmp_path / "new" / "a.json").read_text(), parse_constant=pytest.fail
-    )
+    content = json.loads(report.write(tmp_path / "new" / "a.json").read_text(), parse_constant=pytest.fail)
     assert [each["name"] for each in content["tokenizers"]] == [
         "residual_vq 2 x 8",
         "dct 2, 33 bins",
@@ -83,9 +81,9 @@ def test_what_is_written(report, tmp_path):
     ]
     assert content["tokenizers"][1]["dct_coefficients"] == 2
     assert content["recommended"]["flags"].endswith("--policy.chunk_size=5 --policy.chunk_stride=1")
-    assert plot_comparison(report, tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+    assert plot_report(report, tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
     console = Console(width=100, record=True, file=io.StringIO())
-    print_comparison(report, console)
+    print_report(report, console)
     printed = " ".join(console.export_text().split())
     assert "Tokenizers for 5 actions, 0.25 s (waves)" in printed
     assert "fitted to 4 episodes (30 steps, if at all), errors on 1 others" in printed
@@ -93,7 +91,7 @@ def test_what_is_written(report, tmp_path):
 
 
 def test_the_same_seed_fits_alike(monkeypatch):
-    monkeypatch.setattr(fitting, "candidates_for", lambda chunk_size: SMALL[:1])
+    monkeypatch.setattr(measuring, "candidates_for", lambda chunk_size: SMALL[:1])
     seen = []
     runs = [
         compared(seed=seed, steps=5, watch=lambda each: seen.append(len(each)) or each) for seed in (0, 0, 1)
@@ -105,7 +103,7 @@ def test_the_same_seed_fits_alike(monkeypatch):
 
 
 def test_training_helps(monkeypatch):
-    monkeypatch.setattr(fitting, "candidates_for", lambda chunk_size: SMALL[:1])
+    monkeypatch.setattr(measuring, "candidates_for", lambda chunk_size: SMALL[:1])
     little, more = (compared(steps=steps).fitted[0].losses.lost_variance for steps in (1, 60))
     assert more < 0.7 * little
 
@@ -133,6 +131,6 @@ def test_what_cannot_be_compared():
 
 
 def test_nothing_is_fitted_to_what_is_held_out():
-    seen, held_out = fitting._split(waves(10))
+    seen, held_out = measuring._split(waves(10))
     assert list(seen.episodes) == list(range(8))
     assert list(held_out.episodes) == [8, 9]

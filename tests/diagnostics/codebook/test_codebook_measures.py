@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from codebook_fakes import FPS, MEAN, STD, TIMING, C, coder, episodes
 
-from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes, cut_chunks
+from lerobot_act_chunking.diagnostics.codebook.chunks import cut_chunks
 from lerobot_act_chunking.diagnostics.codebook.drift import measure_drift
 from lerobot_act_chunking.diagnostics.codebook.losses import measure_losses
 from lerobot_act_chunking.diagnostics.codebook.meaning import EXAMPLES, TENTHS, uses_of_first_code
 from lerobot_act_chunking.diagnostics.codebook.usage import measure_usage
-from lerobot_act_chunking.diagnostics.steps.positions import RawUnits
+from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes
+from lerobot_act_chunking.diagnostics.core.measures import RawUnits
 
 NAMES = ("reach", "gripper")
 

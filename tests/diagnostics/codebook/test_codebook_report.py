@@ -9,16 +9,16 @@ import pytest
 from codebook_fakes import Flat, episodes, subject
 from rich.console import Console
 
-from lerobot_act_chunking.diagnostics.codebook.card import print_card
+from lerobot_act_chunking.diagnostics.codebook.measuring import measure
 from lerobot_act_chunking.diagnostics.codebook.plots import plot_report
-from lerobot_act_chunking.diagnostics.codebook.report import diagnose
-from lerobot_act_chunking.diagnostics.codebook.verdict import Thresholds
+from lerobot_act_chunking.diagnostics.codebook.settings import Thresholds
+from lerobot_act_chunking.diagnostics.codebook.terminal import print_report
 
 LONG = (200, 150, 180)
 
 
 def diagnosed(tokenizer=None, training=None, other=None):
-    return diagnose(subject(tokenizer), training, other, Thresholds())
+    return measure(subject(tokenizer), training, other, Thresholds())
 
 
 @pytest.fixture(scope="module")
@@ -28,12 +28,12 @@ def report():
 
 def card(report):
     console = Console(width=100, record=True, file=io.StringIO())
-    print_card(report, console)
+    print_report(report, console)
     return " ".join(console.export_text().split())
 
 
 def test_json_holds_everything(report, tmp_path):
-    path = report.write_json(tmp_path / "new" / "codebook.json")
+    path = report.write(tmp_path / "new" / "codebook.json")
     content = json.loads(path.read_text(), parse_constant=pytest.fail)
     assert content["tool"] == "codebook"
     assert content["dataset"] == "data"

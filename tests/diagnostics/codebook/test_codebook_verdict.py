@@ -5,8 +5,9 @@ from codebook_fakes import subject
 
 from lerobot_act_chunking.diagnostics.codebook.drift import Drift
 from lerobot_act_chunking.diagnostics.codebook.losses import Loss, Losses
+from lerobot_act_chunking.diagnostics.codebook.settings import Thresholds
 from lerobot_act_chunking.diagnostics.codebook.usage import LevelUsage, Usage
-from lerobot_act_chunking.diagnostics.codebook.verdict import Thresholds, judge
+from lerobot_act_chunking.diagnostics.codebook.verdict import judge
 from lerobot_act_chunking.errors import ConfigurationError
 
 

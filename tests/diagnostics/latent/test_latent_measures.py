@@ -3,7 +3,7 @@ import pytest
 
 from lerobot_act_chunking.diagnostics.latent.density import fit_density
 from lerobot_act_chunking.diagnostics.latent.encoding import Encoded
-from lerobot_act_chunking.diagnostics.latent.measures import (
+from lerobot_act_chunking.diagnostics.latent.figures import (
     check_prior,
     measure_groups,
     measure_health,

@@ -6,8 +6,7 @@ import pytest
 import torch
 from torch import nn
 
-from lerobot_act_chunking.diagnostics.latent.density import fit_density
-from lerobot_act_chunking.diagnostics.latent.report import with_density
+from lerobot_act_chunking.diagnostics.latent.density import fit_density, with_density
 from lerobot_act_chunking.nn.latents.make import LatentSpec, make_latent
 
 SHARES, T, B, D = torch.tensor([0.8, 0.15, 0.05]), 10, 128, 4

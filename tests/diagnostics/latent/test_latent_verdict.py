@@ -2,8 +2,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from lerobot_act_chunking.diagnostics.latent.measures import Group, Health, PriorCheck
-from lerobot_act_chunking.diagnostics.latent.verdict import Evidence, Thresholds, judge
+from lerobot_act_chunking.diagnostics.latent.figures import Group, Health, PriorCheck
+from lerobot_act_chunking.diagnostics.latent.settings import Thresholds
+from lerobot_act_chunking.diagnostics.latent.verdict import Evidence, judge
 
 
 def evidence(

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from lerobot_act_chunking.data.timing import ChunkTiming
-from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes
-from lerobot_act_chunking.diagnostics.noise_floor import Dimension, NoiseFloor, measure_noise
+from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes
+from lerobot_act_chunking.diagnostics.core.measures import AlohaGraspPoints, RawUnits
+from lerobot_act_chunking.diagnostics.core.noise_floor import Dimension, NoiseFloor, measure_noise
 from lerobot_act_chunking.diagnostics.resolution.reconstruction import reconstruct, whole_chunks
 from lerobot_act_chunking.diagnostics.resolution.spectrum import measure_spectrum
 from lerobot_act_chunking.diagnostics.resolution.strides import (
@@ -15,7 +16,6 @@ from lerobot_act_chunking.diagnostics.resolution.strides import (
     measure_stride,
     recommend,
 )
-from lerobot_act_chunking.diagnostics.steps.positions import AlohaGraspPoints, RawUnits
 from lerobot_act_chunking.envs.aloha.experts.kinematics import HOME_JOINTS
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from lerobot_act_chunking.diagnostics.codebook.chunks import ActionEpisodes
-from lerobot_act_chunking.diagnostics.resolution.card import print_card, share
+from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes
+from lerobot_act_chunking.diagnostics.resolution.measuring import measure
 from lerobot_act_chunking.diagnostics.resolution.plots import plot_report
-from lerobot_act_chunking.diagnostics.resolution.report import Question, diagnose
+from lerobot_act_chunking.diagnostics.resolution.settings import Question
+from lerobot_act_chunking.diagnostics.resolution.terminal import print_report, share
 from lerobot_act_chunking.envs.aloha.experts.kinematics import HOME_JOINTS
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
 from lerobot_act_chunking.errors import ConfigurationError
@@ -35,12 +36,12 @@ def aloha():
 
 def shown(report):
     console = Console(record=True, width=200)
-    print_card(report, console)
+    print_report(report, console)
     return console.export_text()
 
 
 def test_slow_motion_passes_and_names_its_flags():
-    report = diagnose(demonstrations(0.25, 0.5), Question(horizon_s=1.0))
+    report = measure(demonstrations(0.25, 0.5), Question(horizon_s=1.0))
     assert (report.verdict, report.exit_code) == ("pass", 0)
     stride = report.recommended.stride
     assert stride > 1
@@ -50,13 +51,13 @@ def test_slow_motion_passes_and_names_its_flags():
 
 
 def test_fast_motion_asks_for_every_step():
-    report = diagnose(demonstrations(3, 0.5), Question(horizon_s=1.0))
+    report = measure(demonstrations(3, 0.5), Question(horizon_s=1.0))
     assert (report.verdict, report.recommended.stride) == ("pass", 1)
 
 
 @pytest.mark.parametrize(("chunk_stride", "verdict", "code"), [(2, "pass", 0), (25, "fail", 11)])
 def test_the_stride_in_mind_is_judged(chunk_stride, verdict, code):
-    report = diagnose(demonstrations(0.25, 0.5), Question(horizon_s=1.0, chunk_stride=chunk_stride))
+    report = measure(demonstrations(0.25, 0.5), Question(horizon_s=1.0, chunk_stride=chunk_stride))
     assert (report.verdict, report.exit_code) == (verdict, code)
     assert f"chunk_stride={chunk_stride} " in report.reasons[0]
     if code:
@@ -66,12 +67,12 @@ def test_the_stride_in_mind_is_judged(chunk_stride, verdict, code):
 def test_energy_beyond_nyquist_is_a_warning_that_names_the_dimension():
     """A generous tolerance lets a stride pass that cannot show the faster wave."""
     question = Question(horizon_s=1.0, strides=(10,), tolerance=5.0)
-    report = diagnose(demonstrations(0.5, 3.2), question)
+    report = measure(demonstrations(0.5, 3.2), question)
     assert (report.verdict, report.exit_code) == ("warn", 0)
     assert "energy lies above 2.5 Hz" in report.reasons[1]
     assert "joint_1 (" in report.reasons[1]
     assert "joint_0" not in report.reasons[1]
-    held = diagnose(demonstrations(0.5, 3.2), Question(1.0, (10,), tolerance=5.0, gripper_dims=(1,)))
+    held = measure(demonstrations(0.5, 3.2), Question(1.0, (10,), tolerance=5.0, gripper_dims=(1,)))
     assert held.verdict == "pass"
     assert "Held between predictions" in held.notes[0]
     assert "joint_1" in held.notes[0]
@@ -85,7 +86,7 @@ def test_energy_beyond_nyquist_is_a_warning_that_names_the_dimension():
     ],
 )
 def test_what_cannot_be_judged(data, reason, tmp_path):
-    report = diagnose(data, Question(horizon_s=1.0))
+    report = measure(data, Question(horizon_s=1.0))
     assert (report.verdict, report.exit_code) == ("inconclusive", 10)
     assert reason in report.reasons[0]
     assert reason in shown(report)
@@ -94,7 +95,7 @@ def test_what_cannot_be_judged(data, reason, tmp_path):
 
 
 def test_aloha_is_judged_in_millimetres(tmp_path):
-    report = diagnose(aloha(), Question(horizon_s=1.0))
+    report = measure(aloha(), Question(horizon_s=1.0))
     assert str(report.tolerance) == "0.5 mm"
     assert report.verdict == "pass"
     found = {stride.stride: stride for stride in report.strides}
@@ -125,11 +126,11 @@ def test_aloha_is_judged_in_millimetres(tmp_path):
 )
 def test_what_cannot_be_answered_is_refused(question, message):
     with pytest.raises(ConfigurationError, match=message):
-        diagnose(demonstrations(0.5, 1.0), question)
+        measure(demonstrations(0.5, 1.0), question)
 
 
 def test_the_card_shows_every_stride_and_dimension():
-    report = diagnose(demonstrations(0.25, 0.5), Question(horizon_s=1.0))
+    report = measure(demonstrations(0.25, 0.5), Question(horizon_s=1.0))
     text = shown(report)
     assert "Chunks of 1 s at 50 Hz (data/waves)" in text
     assert f"{252} chunks from 2 episodes" in text
@@ -142,8 +143,8 @@ def test_the_card_shows_every_stride_and_dimension():
 
 
 def test_json_holds_every_number(tmp_path):
-    report = diagnose(demonstrations(0.25, 0), Question(horizon_s=1.0, strides=(5,)))
-    content = json.loads(report.write_json(tmp_path / "deep" / "report.json").read_text())
+    report = measure(demonstrations(0.25, 0), Question(horizon_s=1.0, strides=(5,)))
+    content = json.loads(report.write(tmp_path / "deep" / "report.json").read_text())
     assert content["tool"] == "resolution"
     assert content["recommended"] == {"chunk_stride": 5, "chunk_size": 11}
     assert [each["chunk_stride"] for each in content["strides"]] == [1, 5]
@@ -163,6 +164,6 @@ def test_shares_are_readable(value, text):
 
 
 def test_a_picture_of_the_smallest_stride_alone(tmp_path):
-    report = diagnose(demonstrations(0.25, 0.5), Question(horizon_s=0.04))
+    report = measure(demonstrations(0.25, 0.5), Question(horizon_s=0.04))
     assert [stride.stride for stride in report.strides] == [1]
     assert plot_report(report, tmp_path / "one.png").stat().st_size > 1000

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lerobot_act_chunking.diagnostics.core.measures import RawUnits
 from lerobot_act_chunking.diagnostics.steps.grid import Cell, make_grid
-from lerobot_act_chunking.diagnostics.steps.positions import RawUnits
-from lerobot_act_chunking.diagnostics.steps.sweep import Demonstrated
+from lerobot_act_chunking.diagnostics.steps.measuring import Demonstrated
 from lerobot_act_chunking.sampling.process import Flow
 
 T, A = 5, 2

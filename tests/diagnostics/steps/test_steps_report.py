@@ -7,17 +7,18 @@ import pytest
 from fields import MEASURE, gaussian, grid_of, three_modes
 from rich.console import Console
 
-from lerobot_act_chunking.diagnostics.steps import report as report_module
-from lerobot_act_chunking.diagnostics.steps.card import print_card
+from lerobot_act_chunking.diagnostics.core.measures import AlohaGraspPoints
+from lerobot_act_chunking.diagnostics.core.success import SuccessRate
+from lerobot_act_chunking.diagnostics.steps import notes
 from lerobot_act_chunking.diagnostics.steps.grid import Cell
+from lerobot_act_chunking.diagnostics.steps.measuring import Scale, run_sweep
 from lerobot_act_chunking.diagnostics.steps.plots import plot_report
-from lerobot_act_chunking.diagnostics.steps.positions import AlohaGraspPoints
-from lerobot_act_chunking.diagnostics.steps.report import Request, StepsReport
+from lerobot_act_chunking.diagnostics.steps.report import StepsReport
+from lerobot_act_chunking.diagnostics.steps.settings import Settings, tolerance_of
 from lerobot_act_chunking.diagnostics.steps.sources import HeldOut
 from lerobot_act_chunking.diagnostics.steps.success import SuccessOfCell, cells_to_run
-from lerobot_act_chunking.diagnostics.steps.sweep import Scale, run_sweep
+from lerobot_act_chunking.diagnostics.steps.terminal import print_report
 from lerobot_act_chunking.diagnostics.steps.verdict import judge
-from lerobot_act_chunking.diagnostics.success import SuccessRate
 from lerobot_act_chunking.errors import ConfigurationError
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -29,9 +30,16 @@ def report_of(subject, grid, tolerance=0.3, *, seen=False, configured=None):
     sweep = run_sweep(subject, grid, demonstrated, MEASURE, Scale(crowd=8, noises=12, tolerance=tolerance))
     judgement = judge(sweep, grid.own, tolerance, MEASURE.unit)
     held_out = HeldOut("demos", 50.0, [7, 8, 9], seen, {}, demonstrated, MEASURE)
-    notes = report_module._notes(sweep, judgement, held_out, configured or grid.own, grid.own)
+    told = notes.notes_on(sweep, judgement, held_out, configured or grid.own, grid.own)
     return StepsReport(
-        Request("checkpoint"), SETTINGS, grid.own, held_out, tolerance, sweep, judgement, notes
+        asked=Settings("checkpoint"),
+        settings=SETTINGS,
+        own=grid.own,
+        held_out=held_out,
+        tolerance=tolerance,
+        sweep=sweep,
+        judgement=judgement,
+        notes=told,
     )
 
 
@@ -53,7 +61,7 @@ def forked():
 def card_of(report):
     console = Console(width=200)
     with console.capture() as capture:
-        print_card(report, console)
+        print_report(report, console)
     return " ".join(capture.get().split())
 
 
@@ -81,8 +89,8 @@ def test_a_limited_model_is_told_what_helps(limited):
     assert limited.exit_code == 11
     content = limited.to_json()
     assert content["limit"] == "spread"
-    assert report_module.TOO_WIDE in content["notes"]
-    assert report_module.SEEN in content["notes"]
+    assert notes.TOO_WIDE in content["notes"]
+    assert notes.SEEN in content["notes"]
     card = card_of(limited)
     assert "fail: model-limited" in card
     assert "as near to the demonstrations as any" in card
@@ -124,10 +132,10 @@ def test_picture(name, request, tmp_path):
 
 
 def test_tolerance_is_half_a_millimetre_only_where_there_are_millimetres():
-    assert report_module._tolerance(None, AlohaGraspPoints()) == 0.5
-    assert report_module._tolerance(0.02, MEASURE) == 0.02
+    assert tolerance_of(None, AlohaGraspPoints()) == 0.5
+    assert tolerance_of(0.02, MEASURE) == 0.02
     with pytest.raises(ConfigurationError, match="say with --tolerance how much of a difference in raw"):
-        report_module._tolerance(None, MEASURE)
+        tolerance_of(None, MEASURE)
 
 
 def test_success_is_run_where_steps_may_matter(precise):

@@ -7,8 +7,8 @@ import pytest
 from fields import MEASURE, A, T, gaussian, grid_of, three_modes
 
 from lerobot_act_chunking.diagnostics.steps.grid import Cell
+from lerobot_act_chunking.diagnostics.steps.measuring import Demonstrated, Scale, run_sweep
 from lerobot_act_chunking.diagnostics.steps.plateau import BELOW_MODEL, CONVERGENCE, NEAREST, PLATEAU, SPREAD
-from lerobot_act_chunking.diagnostics.steps.sweep import Demonstrated, Scale, run_sweep
 from lerobot_act_chunking.diagnostics.steps.verdict import judge
 
 WIDTH = 0.4

@@ -11,11 +11,12 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from safetensors.torch import load_file
 from tokenizer_training_cases import FIELDS, LENGTHS, NAMES, plan, write_dataset
 
+from lerobot_act_chunking.data.actions import read_demonstrations
 from lerobot_act_chunking.data.masking import hold_padding
 from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError
 from lerobot_act_chunking.policies.vqbet_chunked import tokenizer_training
-from lerobot_act_chunking.policies.vqbet_chunked.action_chunks import ActionChunks, read_demonstrations
+from lerobot_act_chunking.policies.vqbet_chunked.action_chunks import ActionChunks
 from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import TokenizerTraining, read_info
 from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_training import plan_training, train_tokenizer
 

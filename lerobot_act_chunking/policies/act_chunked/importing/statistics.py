@@ -9,8 +9,9 @@ from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.policies.act.configuration_act import ACTConfig
 from lerobot.utils.constants import IMAGENET_STATS
 
+from lerobot_act_chunking.data.actions import require_dataset
 from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
-from lerobot_act_chunking.errors import ConfigurationError, DatasetError
+from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.policies.act_chunked.importing.formats import ActCheckpoint
 from lerobot_act_chunking.policies.statistics import check_statistics, floored_statistics
 
@@ -45,10 +46,7 @@ def choose_statistics(checkpoint: ActCheckpoint, dataset: Path | None) -> dict[s
 
 def _of_dataset(folder: Path, config: ACTConfig) -> dict[str, dict[str, Any]]:
     """Statistics as LeRobot's training command takes them: cameras by ImageNet's, its default."""
-    if not (folder / "meta" / "info.json").exists():
-        raise DatasetError(
-            f"there is no dataset at {folder}: give a LeRobotDataset's folder (with meta/info.json)"
-        )
+    require_dataset(folder)
     quiet_missing_ffmpeg()
     stats = LeRobotDatasetMetadata(f"local/{folder.name}", root=folder).stats or {}
     imagenet = {name: torch.tensor(value) for name, value in IMAGENET_STATS.items()}

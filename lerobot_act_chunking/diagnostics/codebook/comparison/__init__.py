@@ -1,0 +1,1 @@
+"""Which tokenizer suits a dataset: all of them, like for like."""

@@ -1,0 +1,257 @@
+"""Episodes of a checkpoint in a simulation, with everything that a diagnosis needs written down.
+
+Acts exactly as ``lerobot-eval`` (same observations, processors, batches, success rule), in this process and
+without a vector environment: finished episodes cost nothing, and one network call serves all the others.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch
+from lerobot.envs.utils import preprocess_observation
+from lerobot.policies.pretrained import PreTrainedPolicy
+from torch import Tensor
+
+from lerobot_act_chunking.compat import action_of
+from lerobot_act_chunking.diagnostics.core.environments import EnvironmentConfig
+from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
+from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.execution.executor import ChunkExecutor
+from lerobot_act_chunking.policies.chunked_policy import ChunkedPolicy
+from lerobot_act_chunking.policies.loading import LoadedPolicy
+from lerobot_act_chunking.policies.temporal_ensemble.modeling_temporal_ensemble import TemporalEnsemblePolicy
+
+OnStep = Callable[[int, int, Any], None]
+OnChunk = Callable[[Tensor, Tensor | None], None]
+
+
+@dataclass(frozen=True)
+class Inference:
+    """One network call for one episode.
+
+    Attributes:
+        step: control step whose observation the network saw.
+        chunk: its prediction for the steps ``step``, ``step + 1``, ..., ``(T, A)`` in the environment's units
+            (after the postprocessor); ``(0, A)`` where chunks were not logged.
+    """
+
+    step: int
+    chunk: np.ndarray
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """One episode as it was commanded and as it came out.
+
+    Attributes:
+        seed: of the episode.
+        dt: control period [s].
+        commands: what the policy asked for, ``(T, A)`` in the environment's units.
+        positions: where the joints were when it asked, ``(T, A)`` in the same units; ``(T, 0)`` where actions
+            are no positions.
+        rewards: the reward after each step, ``(T,)``.
+        success: whether the environment said ``is_success`` at any step, as LeRobot counts.
+        inferences: network calls while the episode was running, in order; none if the policy neither has a
+            `ChunkExecutor` nor calls its own ``predict_action_chunk`` (LeRobot's ``smolvla``).
+    """
+
+    seed: int
+    dt: float
+    commands: np.ndarray
+    positions: np.ndarray
+    rewards: np.ndarray
+    success: bool
+    inferences: tuple[Inference, ...] = ()
+
+
+def roll_out(
+    policy: LoadedPolicy,
+    env_config: EnvironmentConfig,
+    seeds: Sequence[int],
+    *,
+    n_envs: int = 50,
+    log_chunks: bool = True,
+    on_step: OnStep | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> list[Rollout]:
+    """Run one episode per seed, ``n_envs`` at a time.
+
+    Each group of ``n_envs`` starts with ``policy.reset()`` and keeps its batch size to the end. What a policy
+    of this package draws follows from its ``noise_seed`` and the episode's seed. Results depend on ``n_envs``
+    only as far as the network's rounding depends on the batch size.
+
+    Args:
+        policy: any LeRobot policy with its processors.
+        env_config: the environment; `environment_for` gives the one a policy was trained on.
+        seeds: one per episode.
+        n_envs: episodes that run together.
+        log_chunks: keep every predicted chunk; ``4 T A`` bytes per network call and episode.
+        on_step: called with ``(seed, step, environment)`` when a command is chosen and before it is carried
+            out; what it changes in the world is first seen in the next observation.
+        progress: called with the number of finished episodes whenever it grows.
+
+    Returns:
+        One rollout per seed, in the order of ``seeds``.
+
+    Raises:
+        ConfigurationError: no seeds, or no environments.
+    """
+    if not seeds or n_envs < 1:
+        raise ConfigurationError(
+            f"a rollout needs seeds and environments, got {len(seeds)} and n_envs={n_envs}"
+        )
+    envs = [_make(env_config) for _ in range(min(n_envs, len(seeds)))]
+    finished: list[Rollout] = []
+    try:
+        for first in range(0, len(seeds), len(envs)):
+            group = [
+                _Episode(seed, env) for seed, env in zip(seeds[first : first + len(envs)], envs, strict=False)
+            ]
+            with _observed_chunks(policy, group, log_chunks):
+                for _ in range(env_config.episode_length):
+                    if not _advance(policy, group, on_step):
+                        break
+                    if progress is not None:
+                        progress(len(finished) + sum(episode.done for episode in group))
+            finished += [episode.rollout(1 / env_config.fps) for episode in group]
+            if progress is not None:
+                progress(len(finished))
+    finally:
+        for env in envs:
+            env.close()
+    return finished
+
+
+@dataclass
+class _Episode:
+    """An episode under way."""
+
+    seed: int
+    env: Any
+    commands: list[np.ndarray] = field(default_factory=list)
+    positions: list[np.ndarray] = field(default_factory=list)
+    rewards: list[float] = field(default_factory=list)
+    inferences: list[Inference] = field(default_factory=list)
+    success: bool = False
+    done: bool = False
+
+    def __post_init__(self) -> None:
+        self.observation, _ = self.env.reset(seed=self.seed)
+
+    def advance(self, command: np.ndarray, on_step: OnStep | None) -> None:
+        """Carry out one command (A,)."""
+        self.positions.append(_positions(self.env))
+        if on_step is not None:
+            on_step(self.seed, len(self.commands), self.env)
+        self.observation, reward, terminated, truncated, info = self.env.step(command)
+        self.success |= info["is_success"]
+        self.done = terminated or truncated
+        self.commands.append(command)
+        self.rewards.append(reward)
+
+    def rollout(self, dt: float) -> Rollout:
+        """All that was written down."""
+        return Rollout(
+            seed=self.seed,
+            dt=dt,
+            commands=np.stack(self.commands),
+            positions=np.stack(self.positions),
+            rewards=np.array(self.rewards),
+            success=self.success,
+            inferences=tuple(self.inferences),
+        )
+
+
+def _make(env_config: EnvironmentConfig) -> gym.Env:
+    return gym.make(env_config.gym_id, disable_env_checker=True, **env_config.gym_kwargs).unwrapped
+
+
+def _positions(env: gym.Env) -> np.ndarray:
+    """In the unit of the actions: ALOHA's are joint positions, those of gymnasium-robotics are not."""
+    return env.world.qpos() if isinstance(env, AlohaSimEnv) else np.empty(0)
+
+
+def _advance(policy: LoadedPolicy, group: list[_Episode], on_step: OnStep | None) -> bool:
+    """One control step of every unfinished episode; False once there is none."""
+    if all(episode.done for episode in group):
+        return False
+    # Finished episodes stay in the batch with their last observation: its size must not change.
+    observation = preprocess_observation(_stack([episode.observation for episode in group]))
+    observation["task"] = [episode.env.task_description for episode in group]  # pyright: ignore[reportArgumentType]
+    batch = policy.preprocessor(observation)
+    with torch.inference_mode():
+        commands = policy.postprocessor(action_of(policy.policy.select_action(batch))).to("cpu").numpy()
+    for episode, command in zip(group, commands, strict=True):
+        if not episode.done:
+            episode.advance(command, on_step)
+    return True
+
+
+def _stack(observations: list[dict[str, Any]]) -> dict[str, Any]:
+    """Observations of single environments as one batch, as a vector environment gives them."""
+    first = observations[0]
+    return {
+        key: _stack([observation[key] for observation in observations])
+        if isinstance(value, dict)
+        else np.stack([observation[key] for observation in observations])
+        for key, value in first.items()
+    }
+
+
+@contextmanager
+def _observed_chunks(policy: LoadedPolicy, group: list[_Episode], log_chunks: bool) -> Iterator[None]:
+    """Reset the policy and note every chunk it predicts in the episodes that it is for."""
+
+    def note(chunk: Tensor, envs: Tensor | None) -> None:
+        rows = range(len(group)) if envs is None else envs.tolist()
+        actions = _in_environment_units(policy, chunk) if log_chunks else chunk[:, :0].to("cpu").numpy()
+        for row, plan in zip(rows, actions, strict=True):
+            episode = group[row]
+            if not episode.done:
+                episode.inferences.append(Inference(len(episode.commands), plan.copy()))
+
+    reset_episodes(policy.policy, [episode.seed for episode in group])
+    executor = getattr(policy.policy, "_action_queue", None)
+    if isinstance(executor, ChunkExecutor):
+        executor.on_chunk = lambda event: note(event.chunk, event.envs)
+        try:
+            yield
+        finally:
+            executor.on_chunk = None
+    else:
+        with _observed_predictions(policy.policy, note):
+            yield
+
+
+def reset_episodes(policy: PreTrainedPolicy, seeds: Sequence[int]) -> None:
+    """Begin episodes with these seeds in the environments 0, 1, ...; LeRobot's policies do not take seeds."""
+    if isinstance(policy, ChunkedPolicy | TemporalEnsemblePolicy):
+        policy.reset(episode_seeds=seeds)
+    else:
+        policy.reset()
+
+
+def _in_environment_units(policy: LoadedPolicy, chunk: Tensor) -> np.ndarray:
+    """A chunk (n, T, A) through the postprocessor, which is made for single actions (n, A)."""
+    return policy.postprocessor(chunk.flatten(0, 1)).to("cpu").numpy().reshape(chunk.shape)
+
+
+@contextmanager
+def _observed_predictions(policy: Any, note: OnChunk) -> Iterator[None]:
+    """LeRobot's own policies have no executor; their ``select_action`` calls ``predict_action_chunk``."""
+    predict = policy.predict_action_chunk
+
+    def predict_and_note(*args: Any, **kwargs: Any) -> Any:
+        output = predict(*args, **kwargs)
+        note(action_of(output), None)
+        return output
+
+    policy.predict_action_chunk = predict_and_note
+    try:
+        yield
+    finally:
+        del policy.predict_action_chunk

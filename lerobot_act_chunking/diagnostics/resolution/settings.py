@@ -1,0 +1,59 @@
+"""What is asked of a dataset."""
+
+import math
+from dataclasses import dataclass, field
+
+from lerobot_act_chunking.errors import ConfigurationError
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked of a dataset.
+
+    Attributes:
+        horizon_s: time that a chunk covers [s].
+        strides: control steps between predictions to try; none for the usual ones.
+        chunk_stride: the one to judge, if any.
+        tolerance: in millimetres where positions are known, else a share of each dimension's range; None for
+            half a millimetre, or a hundredth.
+        gripper_dims: dimensions that the policy holds between predictions.
+    """
+
+    horizon_s: float = 2.0
+    strides: tuple[int, ...] = ()
+    chunk_stride: int | None = None
+    tolerance: float | None = None
+    gripper_dims: tuple[int, ...] = ()
+
+    def check(self, n_dims: int) -> None:
+        """Refuse what cannot be answered.
+
+        Raises:
+            ConfigurationError: naming the value and the way out.
+        """
+        if not (self.horizon_s > 0 and math.isfinite(self.horizon_s)):
+            raise ConfigurationError(f"horizon_s={self.horizon_s:g} must be above 0, and finite")
+        if self.tolerance is not None and not (self.tolerance > 0 and math.isfinite(self.tolerance)):
+            raise ConfigurationError(f"tolerance={self.tolerance:g} must be above 0, and finite")
+        for stride in (*self.strides, *([] if self.chunk_stride is None else [self.chunk_stride])):
+            if stride < 1:
+                raise ConfigurationError(f"a stride of {stride} must be at least 1 control step")
+        for dim in self.gripper_dims:
+            if not 0 <= dim < n_dims:
+                raise ConfigurationError(
+                    f"gripper_dims={list(self.gripper_dims)}: {dim} is no dimension of these actions, which "
+                    f"have {n_dims}, from 0"
+                )
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What to diagnose.
+
+    Attributes:
+        dataset: a LeRobotDataset's folder.
+        question: what is asked of it.
+    """
+
+    dataset: str
+    question: Question = field(default_factory=Question)

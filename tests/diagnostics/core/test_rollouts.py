@@ -1,0 +1,260 @@
+"""Rollouts are lerobot-eval's episodes, with everything written down."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from lerobot.configs import FeatureType, PolicyFeature
+from lerobot.scripts.lerobot_eval import rollout as lerobot_rollout
+from small_policies import CAMERA, CHUNK, JOINTS, START, make_policy
+
+from lerobot_act_chunking.diagnostics.core.environments import environment_for
+from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
+from lerobot_act_chunking.envs.aloha.tasks import sample_object_pose, stock_generator
+from lerobot_act_chunking.envs.configuration_envs import AlohaSimEnvConfig
+from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.policies.loading import LoadedPolicy
+
+STEPS = 23
+SEEDS = (1003, 1000, 1007)
+
+
+def short(**options) -> AlohaSimEnvConfig:
+    return AlohaSimEnvConfig(task="transfer_cube", episode_length=STEPS, **{"obs_type": "state", **options})
+
+
+def by_lerobot(policy: LoadedPolicy, env_config: AlohaSimEnvConfig, seeds) -> dict[str, np.ndarray]:
+    env = next(iter(env_config.create_envs(len(seeds)).values()))[0]
+    try:
+        result = lerobot_rollout(
+            env,
+            policy.policy,
+            *env_config.get_env_processors(),
+            policy.preprocessor,
+            policy.postprocessor,
+            seeds=list(seeds),
+        )
+    finally:
+        env.close()
+    return {key: value.numpy() for key, value in result.items()}
+
+
+@pytest.mark.parametrize(
+    ("type_", "settings"),
+    [
+        ("act_chunked", {"n_action_steps": 5}),
+        ("act_chunked", {"execution": "ensemble", "replan_interval": 3, "temporal_ensemble_coeff": 0.1}),
+        ("act", {"n_action_steps": 5, "dropout": 0.0}),
+    ],
+)
+def test_commands_and_rewards_are_those_of_lerobot_eval(type_, settings):
+    policy = make_policy(type_, **settings)
+    theirs = by_lerobot(policy, short(), SEEDS)
+    ours = roll_out(policy, short(), SEEDS)
+    assert [rollout.seed for rollout in ours] == list(SEEDS)
+    for i, rollout in enumerate(ours):
+        np.testing.assert_array_equal(rollout.commands, theirs["action"][i])
+        np.testing.assert_array_equal(rollout.rewards, theirs["reward"][i])
+        assert rollout.success == theirs["success"][i].any()
+        assert rollout.dt == 0.02
+
+
+@pytest.mark.parametrize(("velocities", "sizes"), [(True, (10, 18)), (False, (5, 12))])
+def test_robotics_worlds_are_rolled_out_as_by_lerobot_eval(velocities, sizes):
+    inputs = {
+        "observation.state": PolicyFeature(FeatureType.STATE, sizes[:1]),
+        "observation.environment_state": PolicyFeature(FeatureType.ENV, sizes[1:]),
+    }
+    policy = make_policy(inputs=inputs, start=torch.tensor([0.5, -0.3, 0.2, 0.0]), n_action_steps=5)
+    config = environment_for(policy.policy.config, task="FetchPush-v4", success="final")
+    assert config.velocities is velocities
+    config = replace(config, episode_length=6)
+    theirs = by_lerobot(policy, config, SEEDS)
+    for i, rollout in enumerate(roll_out(policy, config, SEEDS)):
+        np.testing.assert_array_equal(rollout.commands, theirs["action"][i])
+        np.testing.assert_array_equal(rollout.rewards, theirs["reward"][i])
+        assert (rollout.positions.shape, rollout.dt) == ((6, 0), 0.04)
+
+
+def test_images_reach_the_policy_as_in_lerobot_eval():
+    policy = make_policy(inputs=CAMERA, vision_backbone="small_cnn")
+    env_config = short(
+        obs_type="pixels", cameras=["top"], observation_height=48, observation_width=64, render_quality="fast"
+    )
+    env_config.episode_length = 9  # one chunk and the next one's first step
+    theirs = by_lerobot(policy, env_config, SEEDS[:2])
+    ours = roll_out(policy, env_config, SEEDS[:2])
+    np.testing.assert_array_equal([rollout.commands for rollout in ours], theirs["action"])
+    assert not np.array_equal(ours[0].commands[8], ours[1].commands[8])
+
+
+def test_positions_are_those_before_each_command():
+    seen = []
+    (rollout,) = roll_out(
+        make_policy(),
+        short(),
+        [1000],
+        on_step=lambda seed, step, env: seen.append((seed, step, env.world.qpos())),
+    )
+    assert [(seed, step) for seed, step, _ in seen] == [(1000, step) for step in range(STEPS)]
+    np.testing.assert_array_equal(rollout.positions, [qpos for *_, qpos in seen])
+    np.testing.assert_allclose(rollout.positions[0, :6], START[:6], atol=1e-6)
+    assert np.abs(rollout.positions[1] - rollout.positions[0]).max() > 1e-4
+
+
+def test_chunks_are_in_the_units_of_the_commands():
+    rollouts = roll_out(make_policy(n_action_steps=5), short(), SEEDS, n_envs=2)
+    for rollout in rollouts:
+        assert [inference.step for inference in rollout.inferences] == [0, 5, 10, 15, 20]
+        for inference in rollout.inferences:
+            executed = rollout.commands[inference.step : inference.step + 5]
+            assert inference.chunk.shape == (5, JOINTS)
+            np.testing.assert_array_equal(inference.chunk[: len(executed)], executed)
+
+
+def test_chunks_of_lerobots_own_policies_are_seen_too():
+    policy = make_policy("act", n_action_steps=5, dropout=0.0)
+    (rollout,) = roll_out(policy, short(), [1000])
+    assert [inference.step for inference in rollout.inferences] == [0, 5, 10, 15, 20]
+    assert rollout.inferences[1].chunk.shape == (CHUNK, JOINTS)
+    np.testing.assert_array_equal(rollout.inferences[1].chunk[:5], rollout.commands[5:10])
+    assert "predict_action_chunk" not in vars(policy.policy)
+
+
+def test_unlogged_chunks_still_count_as_network_calls():
+    (rollout,) = roll_out(make_policy(n_action_steps=5), short(), [1000], log_chunks=False)
+    assert [inference.step for inference in rollout.inferences] == [0, 5, 10, 15, 20]
+    assert all(inference.chunk.shape == (0, JOINTS) for inference in rollout.inferences)
+
+
+def test_instruments_are_removed_and_the_next_rollout_is_the_same():
+    policy = make_policy(execution="ensemble", replan_interval=2)
+    first, second = (roll_out(policy, short(), SEEDS) for _ in range(2))
+    assert policy.policy._action_queue.on_chunk is None
+    for one, other in zip(first, second, strict=True):
+        np.testing.assert_array_equal(one.commands, other.commands)
+        assert len(one.inferences) == len(other.inferences) == 12
+
+
+def test_a_success_ends_its_episode_and_leaves_the_others_alone(monkeypatch):
+    """The environment of one seed succeeds at step 7; its batch goes on at the same size."""
+    from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
+
+    step = AlohaSimEnv.step
+    lucky = sample_object_pose("transfer_cube", stock_generator(SEEDS[1]))
+    counts = {}
+
+    def succeed_at_7(self, action):
+        observation, reward, _, truncated, info = step(self, action)
+        counts[id(self)] = counts.get(id(self), 0) + 1
+        cube = self.world.environment_state()[:2]
+        success = counts[id(self)] == 7 and bool(np.allclose(cube, lucky[:2], atol=0.01))
+        return observation, 4.0 if success else reward, success, truncated, {**info, "is_success": success}
+
+    policy = make_policy(n_action_steps=5)
+    untouched = roll_out(policy, short(), SEEDS)
+    sizes = []
+    select = policy.policy.select_action
+    monkeypatch.setattr(
+        policy.policy,
+        "select_action",
+        lambda batch: sizes.append(len(batch["observation.state"])) or select(batch),
+    )
+    monkeypatch.setattr(AlohaSimEnv, "step", succeed_at_7)
+    rollouts = roll_out(policy, short(), SEEDS)
+    assert [rollout.success for rollout in rollouts] == [False, True, False]
+    assert [len(rollout.commands) for rollout in rollouts] == [STEPS, 7, STEPS]
+    assert rollouts[1].rewards[-1] == 4.0
+    assert [inference.step for inference in rollouts[1].inferences] == [0, 5]
+    assert sorted(counts.values()) == [7, STEPS, STEPS]
+    assert set(sizes) == {3}
+    for one, other in zip(rollouts, untouched, strict=True):
+        np.testing.assert_array_equal(one.commands, other.commands[: len(one.commands)])
+
+
+def test_groups_of_environments_reuse_worlds_and_report_progress():
+    finished = []
+    policy = make_policy(n_action_steps=5)
+    together = roll_out(policy, short(), SEEDS)
+    grouped = roll_out(policy, short(), SEEDS, n_envs=2, progress=finished.append)
+    for one, other in zip(grouped, together, strict=True):
+        np.testing.assert_allclose(one.commands, other.commands, atol=1e-5)
+    assert finished == sorted(finished)
+    assert finished[-1] == 3
+    assert 2 in finished
+
+
+def test_what_a_policy_draws_follows_from_the_episodes_seed():
+    """Whatever runs beside it or before it, and at any place in the batch."""
+    policy = make_policy(use_vae=True, z_inference="sample", n_action_steps=5)
+    together = roll_out(policy, short(), SEEDS)
+    other_way = roll_out(policy, short(), SEEDS[::-1], n_envs=2)[::-1]
+    for one, other in zip(other_way, together, strict=True):
+        np.testing.assert_allclose(one.commands, other.commands, atol=1e-5)
+    policy.policy.config.z_inference = "mode"
+    without = roll_out(policy, short(), SEEDS)
+    assert np.abs(without[0].commands - together[0].commands).max() > 1e-3
+
+
+@pytest.mark.parametrize(("seeds", "n_envs"), [((), 3), ((1000,), 0)])
+def test_nothing_to_run_is_refused(seeds, n_envs):
+    with pytest.raises(ConfigurationError, match=f"got {len(seeds)} and n_envs={n_envs}"):
+        roll_out(make_policy(), short(), seeds, n_envs=n_envs)
+
+
+class Features:
+    """The part of a policy configuration that decides which environment it needs."""
+
+    def __init__(self, images: dict[str, tuple[int, ...]], others: tuple[str, ...] = (), **vectors: int):
+        self.image_features = {key: Shape(shape) for key, shape in images.items()}
+        sizes = {f"observation.{name}": Shape((size,)) for name, size in vectors.items()}
+        self.input_features = {**self.image_features, **dict.fromkeys(others), **sizes}
+
+
+class Shape:
+    def __init__(self, shape):
+        self.shape = shape
+
+
+def test_the_environment_gives_what_the_policy_was_trained_on():
+    state = environment_for(Features({}, ("observation.state",)), task="insertion", success="hold")
+    assert (state.task, state.success, state.obs_type, state.agent_vel) == (
+        "insertion",
+        "hold",
+        "state",
+        False,
+    )
+
+    moving = environment_for(Features({}, ("observation.agent_vel",)), task="transfer_cube", success="touch")
+    assert moving.agent_vel
+
+    images = {"observation.images.top": (3, 60, 80), "observation.images.angle": (3, 60, 80)}
+    seeing = environment_for(Features(images, ("observation.state",)), task="transfer_cube", success="touch")
+    assert (seeing.obs_type, list(seeing.cameras)) == ("pixels_state", ["top", "angle"])
+    assert (seeing.observation_height, seeing.observation_width) == (60, 80)
+    assert environment_for(Features(images), task="transfer_cube", success="touch").obs_type == "pixels"
+
+
+@pytest.mark.parametrize(
+    ("task", "vectors", "velocities"),
+    [
+        ("FetchPush-v4", {"state": 10, "environment_state": 18}, True),
+        ("FetchPush-v4", {"state": 5, "environment_state": 12}, False),
+        ("AdroitHandHammer-v1", {"state": 29, "environment_state": 17}, True),
+        ("AdroitHandHammer-v1", {"state": 29, "environment_state": 11}, False),
+    ],
+)
+def test_robotics_worlds_show_velocities_to_policies_that_saw_them(task, vectors, velocities):
+    config = environment_for(Features({}, **vectors), task=task, success="final")
+    assert (config.task, config.success, config.velocities) == (task, "final", velocities)
+    shapes = {key: feature.shape for key, feature in config.features.items()}
+    assert shapes["environment_state"] == (vectors["environment_state"],)
+
+
+def test_cameras_of_two_sizes_are_refused():
+    images = {"observation.images.top": (3, 60, 80), "observation.images.angle": (3, 30, 40)}
+    with pytest.raises(
+        ConfigurationError, match=r"one image size, the policy wants \[\(30, 40\), \(60, 80\)\]"
+    ):
+        environment_for(Features(images), task="transfer_cube", success="touch")
