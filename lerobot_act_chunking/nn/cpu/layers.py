@@ -44,7 +44,7 @@ class CrossAttention(layers.CrossAttention):
     attention: CpuAttention
     attention_type = CpuAttention
 
-    def forward(
+    def forward(  # pyright: ignore[reportIncompatibleMethodOverride]  (FeedForward here takes both)
         self,
         x: Float[Tensor, "#B #Q D"],
         positions: Float[Tensor, "Q D"],
