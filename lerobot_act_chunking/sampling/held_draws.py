@@ -37,7 +37,7 @@ class HeldDraws:
         self.hold_steps = hold_steps
         self.source = source
         self._sample = sample
-        self._held: dict[int, tuple[Float[Tensor, N * S], float]] = {}  # numbers, step up to which they hold
+        self._held: dict[int, tuple[Tensor, float]] = {}  # numbers (N, *S), step up to which they hold
 
     def reset(self, envs: Environments = None) -> None:
         """Drop what is held and go to the start of these environments' episodes."""
