@@ -114,6 +114,8 @@ def _own(report: StepsReport) -> str:
 
 def _recommended(report: StepsReport) -> str:
     recommended = report.judgement.recommended
+    if report.verdict == "inconclusive":
+        return "nothing while the verdict is open"
     if recommended is None:
         return "no sampler gets there: train longer, or allow more"
     result = report.sweep.of(recommended.cell)

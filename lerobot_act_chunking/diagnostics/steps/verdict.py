@@ -27,7 +27,7 @@ class StepsJudgement(Judgement):
 
     Attributes:
         series: every sampler over all step counts.
-        recommended: the sampler to use, if any is enough.
+        recommended: the sampler to use, if any is enough; None where the verdict is inconclusive.
         limit: what no number of steps can mend, `plateau.SPREAD` or `plateau.CONVERGENCE`; None for nothing.
     """
 
@@ -47,14 +47,14 @@ def judge(sweep: Sweep, own: Cell, tolerance: float, unit: str) -> StepsJudgemen
     """
     limit = find_limit(sweep, tolerance)
     series = all_series(sweep, tolerance)
-    recommended = recommend(sweep, series, limit)
     if sweep.n_observations < FEWEST_OBSERVATIONS:
         verdict, reasons = _too_few(sweep)
     elif limit is not None:
         verdict, reasons = _limited(sweep, limit, tolerance, unit)
     else:
         verdict, reasons = _by_the_reference(sweep, own, tolerance, unit)
-    if recommended is not None and verdict != "inconclusive":
+    recommended = None if verdict == "inconclusive" else recommend(sweep, series, limit)
+    if recommended is not None:
         reasons += _advice(sweep.of(own), recommended)
     return StepsJudgement(verdict, reasons, series, recommended, limit)
 

@@ -233,6 +233,7 @@ def test_references_that_disagree_but_converge_judge_nothing():
     sweep = sweep_of(Opinionated(field, off), grid, demonstrated=field.demonstrated())
     judgement = judge(sweep, grid.own, 0.3, "units")
     assert judgement.verdict == "inconclusive"
+    assert judgement.recommended is None
     assert judgement.limit is None
     assert "midpoint 100 and rk4 50, differ by 0.4 units" in judgement.reasons[0]
     assert judgement.reasons[1:] == []
@@ -242,6 +243,7 @@ def test_few_observations_judge_nothing():
     subject, grid = gaussian(0.1, count=255), grid_of()
     judgement = judge(sweep_of(subject, grid), grid.own, 0.3, "units")
     assert judgement.verdict == "inconclusive"
+    assert judgement.recommended is None
     assert "255 observations are too few" in judgement.reasons[0]
 
 
