@@ -3,6 +3,7 @@
 import importlib.util
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -17,15 +18,20 @@ DOCS = sorted((ROOT / "docs").rglob("*.md"))
 CHECKPOINT = "outputs/train/act/checkpoints/last/pretrained_model"
 
 
+def load(path: str):
+    """A script of the repository as a module."""
+    spec = importlib.util.spec_from_file_location(Path(path).stem, ROOT / path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 def python_blocks(page: Path) -> list[str]:
     return re.findall(r"^```python\n(.*?)^```", page.read_text(), flags=re.M | re.S)
 
 
 def test_the_tables_are_those_of_the_committed_results():
-    file = ROOT / "benchmarks" / "readme_tables.py"
-    spec = importlib.util.spec_from_file_location("readme_tables", file)
-    tables = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(tables)
+    tables = load("benchmarks/readme_tables.py")
     assert tables.with_tables(README) == README, "run: python benchmarks/readme_tables.py"
     assert tables.with_tables(README.replace("200, 200, 200", "200, 200, 199")) == README
     assert README.count("\n| `") == 2 * len(tables.POLICIES) + len(tables.ONE_CAMERA)
@@ -117,6 +123,21 @@ def test_the_site_has_every_page_once():
     listed = list(pages_of(site["nav"]))
     assert sorted(listed) == sorted(str(page.relative_to(ROOT / "docs")) for page in DOCS)
     assert site["theme"]["font"] is False
+
+
+@pytest.mark.parametrize(
+    ("link", "shown"),
+    [
+        ("[the table](../../lerobot_act_chunking/envs)", "the table (`lerobot_act_chunking/envs`)"),
+        ("[configs/act.yaml](../../configs/act.yaml)", "`configs/act.yaml`"),
+        ("[chunks](../guides/execution.md#modes)", "[chunks](../guides/execution.md#modes)"),
+        ("![a picture](../images/steps.png)", "![a picture](../images/steps.png)"),
+        ("[below](#modes)", "[below](#modes)"),
+    ],
+)
+def test_links_out_of_the_docs_are_paths_on_the_site(link, shown):
+    page = SimpleNamespace(file=SimpleNamespace(src_uri="policies/act.md"))
+    assert load(".ci/docs_links.py").on_page_markdown(link, page=page, config=None, files=None) == shown
 
 
 def test_the_public_names_are_those_of_the_reference():
