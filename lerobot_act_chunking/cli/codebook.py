@@ -45,7 +45,6 @@ def codebook_command(
     """
     from rich.progress import track
 
-    from lerobot_act_chunking.data.actions import is_dataset
     from lerobot_act_chunking.diagnostics.codebook import plots, terminal
     from lerobot_act_chunking.diagnostics.codebook.comparison import plots as comparison_plots
     from lerobot_act_chunking.diagnostics.codebook.comparison import terminal as comparison_terminal
@@ -62,7 +61,7 @@ def codebook_command(
         seed=seed,
         thresholds=Thresholds.losing(max_lost),
     )
-    with nullcontext() if is_dataset(source) else shown("coding demonstrations"):
+    with nullcontext() if settings.compares else shown("coding demonstrations"):
         report = diagnose(settings, lambda candidates: track(candidates, "fitting", transient=True))
     if isinstance(report, ComparisonReport):
         finish(report, comparison_terminal.print_report, comparison_plots.plot_report, json=json, picture=out)

@@ -2,7 +2,6 @@
 
 from typing import Any
 
-from lerobot_act_chunking.data.actions import is_dataset
 from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.diagnostics.codebook.comparison.measuring import Watch, compare
 from lerobot_act_chunking.diagnostics.codebook.comparison.report import ComparisonReport
@@ -11,7 +10,6 @@ from lerobot_act_chunking.diagnostics.codebook.report import CodebookReport
 from lerobot_act_chunking.diagnostics.codebook.settings import Settings
 from lerobot_act_chunking.diagnostics.codebook.subject import find_data, load_subject
 from lerobot_act_chunking.diagnostics.core.episodes import read_episodes
-from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.policies.vqbet_chunked.presets import preset_values
 
 
@@ -23,24 +21,20 @@ def diagnose(settings: Settings, watch: Watch = iter) -> CodebookReport | Compar
         watch: the tokenizers that are compared go through it, to show how far it is.
 
     Raises:
-        ConfigurationError: there is no such checkpoint or file, it has no codebook, or a setting is for the
-            other kind of source.
+        ConfigurationError: there is no such checkpoint or file, or it has no codebook.
         DatasetError: the data are not here, are damaged, or too few.
         FeatureError: data of another robot.
     """
-    sizes = {"chunk_size": settings.chunk_size, "chunk_stride": settings.chunk_stride}
-    if is_dataset(settings.source):
-        _refuse({"dataset": settings.dataset}, "a checkpoint or a tokenizer file, and this is a dataset")
-        return _compare(settings, sizes, watch)
-    _refuse(sizes, "a dataset; these codes are for chunks of their own")
+    if settings.compares:
+        return _compare(settings, watch)
     subject = load_subject(settings.source)
     data = find_data(subject, settings.dataset)
     return measure(subject, *data, settings.thresholds, seed=settings.seed)
 
 
-def _compare(settings: Settings, sizes: dict[str, int | None], watch: Watch) -> ComparisonReport:
+def _compare(settings: Settings, watch: Watch) -> ComparisonReport:
     usual = preset_values("base", tokenizer=None, pretrained=False)
-    chosen: dict[str, Any] = {name: usual[name] if n is None else n for name, n in sizes.items()}
+    chosen: dict[str, Any] = {name: usual[name] if n is None else n for name, n in settings.sizes.items()}
     return compare(
         read_episodes(settings.source),
         ChunkTiming(1, **chosen),
@@ -49,9 +43,3 @@ def _compare(settings: Settings, sizes: dict[str, int | None], watch: Watch) -> 
         seed=settings.seed,
         watch=watch,
     )
-
-
-def _refuse(options: dict[str, Any], goes_with: str) -> None:
-    for name, value in options.items():
-        if value is not None:
-            raise ConfigurationError(f"--{name.replace('_', '-')}={value} goes with {goes_with}")

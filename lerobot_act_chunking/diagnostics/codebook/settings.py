@@ -1,8 +1,9 @@
 """What is asked: about which tokenizer or dataset, and when to worry."""
 
 from dataclasses import dataclass, field
-from typing import Self
+from typing import Any, Self
 
+from lerobot_act_chunking.data.actions import is_dataset
 from lerobot_act_chunking.errors import ConfigurationError
 
 
@@ -51,6 +52,9 @@ class Settings:
         steps: of training, for tokenizers that learn, likewise.
         seed: of all that is random.
         thresholds: when to worry.
+
+    Raises:
+        ConfigurationError: a setting that goes with the other kind of source.
     """
 
     source: str
@@ -60,3 +64,25 @@ class Settings:
     steps: int = 1000
     seed: int = 0
     thresholds: Thresholds = field(default_factory=Thresholds)
+
+    def __post_init__(self) -> None:
+        if self.compares:
+            _refuse({"dataset": self.dataset}, "a checkpoint or a tokenizer file, and this is a dataset")
+        else:
+            _refuse(self.sizes, "a dataset; these codes are for chunks of their own")
+
+    @property
+    def compares(self) -> bool:
+        """Whether the source is a dataset, on which tokenizers are compared."""
+        return is_dataset(self.source)
+
+    @property
+    def sizes(self) -> dict[str, int | None]:
+        """The settings of a chunk by their names."""
+        return {"chunk_size": self.chunk_size, "chunk_stride": self.chunk_stride}
+
+
+def _refuse(options: dict[str, Any], goes_with: str) -> None:
+    for name, value in options.items():
+        if value is not None:
+            raise ConfigurationError(f"--{name.replace('_', '-')}={value} goes with {goes_with}")

@@ -3,7 +3,8 @@
 import math
 from dataclasses import dataclass, field
 
-from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.data.actions import is_dataset
+from lerobot_act_chunking.errors import ConfigurationError, DatasetError
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,16 @@ class Settings:
     Attributes:
         dataset: a LeRobotDataset's folder.
         question: what is asked of it.
+
+    Raises:
+        DatasetError: there is no dataset.
     """
 
     dataset: str
     question: Question = field(default_factory=Question)
+
+    def __post_init__(self) -> None:
+        if not is_dataset(self.dataset):
+            raise DatasetError(
+                f"there is no LeRobotDataset at {self.dataset}: give its folder (with meta/info.json)"
+            )

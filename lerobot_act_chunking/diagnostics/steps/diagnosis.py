@@ -5,7 +5,6 @@ from typing import Any
 from lerobot.utils.constants import ACTION
 
 from lerobot_act_chunking.diagnostics.core.checks import check_positive
-from lerobot_act_chunking.diagnostics.core.environments import check_task
 from lerobot_act_chunking.diagnostics.core.measures import measure_of
 from lerobot_act_chunking.diagnostics.core.report import with_untrained
 from lerobot_act_chunking.diagnostics.core.training import dataset_features, read_training, untrained
@@ -47,8 +46,6 @@ def diagnose(
         DatasetError: no usable dataset.
         FeatureError: the dataset lacks what the policy observes.
     """
-    if settings.success is not None:
-        check_task(settings.success)
     check_positive(tolerance=settings.tolerance)
     _check_tolerance(settings)
     policy = load_steppable(settings.checkpoint)

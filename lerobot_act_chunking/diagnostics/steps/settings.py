@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from lerobot_act_chunking.diagnostics.core.environments import check_task
 from lerobot_act_chunking.diagnostics.core.measures import Measure
 from lerobot_act_chunking.errors import ConfigurationError
 
@@ -23,6 +24,9 @@ class Settings:
         seed: of the noise.
         success: a simulated task to run by number of steps, too; None for none.
         success_seeds: episodes of it per number of steps.
+
+    Raises:
+        ConfigurationError: a task of no environment.
     """
 
     checkpoint: str
@@ -35,6 +39,10 @@ class Settings:
     seed: int = 0
     success: str | None = None
     success_seeds: int = 50
+
+    def __post_init__(self) -> None:
+        if self.success is not None:
+            check_task(self.success)
 
 
 def tolerance_of(asked: float | None, measure: Measure) -> float:
