@@ -62,8 +62,8 @@ def test_a_preset_shows_what_its_configuration_holds(policy, preset):
 
 def test_known_values():
     act = by_name("act_chunked")
-    assert dict(act["optimizer_lr"].values) == {"base": "0.0005", "paper": "1e-05", "lecture": "0.0005"}
-    assert dict(act["use_vae"].values) == {"base": "false", "paper": "true", "lecture": "true"}
+    assert dict(act["optimizer_lr"].values) == {"base": "0.0005", "paper": "1e-05", "autoregressive": "0.0005"}
+    assert dict(act["use_vae"].values) == {"base": "false", "paper": "true", "autoregressive": "true"}
     assert act["action_likelihood"].allowed == "l1, l2, laplace, gaussian, gmm, categorical"
     assert act["min_std"].allowed == "number, above 0 to below 1"
     assert act["fps"].allowed == "number, above 0 to 100000, or null"
@@ -96,8 +96,8 @@ def test_the_table_is_printed(capsys, monkeypatch):
     [
         (("act",), "unknown policy type 'act'; choose one of: act_chunked, diffusion_chunked"),
         (
-            ("vqbet_chunked", "lecture"),
-            "unknown preset of vqbet_chunked 'lecture'; choose one of: base, paper",
+            ("vqbet_chunked", "autoregressive"),
+            "unknown preset of vqbet_chunked 'autoregressive'; choose one of: base, paper",
         ),
         (("temporal_ensemble", "base"), "choose one of: none, it has no presets"),
     ],
