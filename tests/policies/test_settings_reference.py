@@ -62,7 +62,11 @@ def test_a_preset_shows_what_its_configuration_holds(policy, preset):
 
 def test_known_values():
     act = by_name("act_chunked")
-    assert dict(act["optimizer_lr"].values) == {"base": "0.0005", "paper": "1e-05", "autoregressive": "0.0005"}
+    assert dict(act["optimizer_lr"].values) == {
+        "base": "0.0005",
+        "paper": "1e-05",
+        "autoregressive": "0.0005",
+    }
     assert dict(act["use_vae"].values) == {"base": "false", "paper": "true", "autoregressive": "true"}
     assert act["action_likelihood"].allowed == "l1, l2, laplace, gaussian, gmm, categorical"
     assert act["min_std"].allowed == "number, above 0 to below 1"
