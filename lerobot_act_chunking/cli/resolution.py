@@ -49,6 +49,7 @@ def resolution_command(
         tolerance=tolerance,
         gripper_dims=asked_numbers("gripper_dims", gripper_dims or None),
     )
+    settings = Settings(dataset, question)
     with shown("interpolating demonstrations"):
-        report = diagnose(Settings(dataset, question))
+        report = diagnose(settings)
     finish(report, print_report, plot_report, json=json, picture=out)
