@@ -37,5 +37,5 @@ def asked_numbers(name: str, text: str | None, example: str = "2,5,10") -> tuple
 
     if text is None:
         return ()
-    told = f"{name}={text!r} must be numbers with commas between them: {example}"
-    return whole_numbers(text, ConfigurationError(told))
+    message = f"{name}={text!r} must be numbers with commas between them: {example}"
+    return whole_numbers(text, ConfigurationError(message))

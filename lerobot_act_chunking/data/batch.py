@@ -1,4 +1,4 @@
-"""The only door from LeRobot's batch dictionaries to typed tensors."""
+"""LeRobot's batch dictionaries as typed tensors; all access to them goes through here."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

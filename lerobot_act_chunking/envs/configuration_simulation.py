@@ -1,4 +1,4 @@
-"""What LeRobot asks of every simulated environment of this package, told once."""
+"""Shared configuration of the simulated environments."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -12,7 +12,7 @@ from lerobot_act_chunking.nn.masking import PadNormalization, per_element
 
 USAGE_DECAY = 0.99  # of the moving average over batches
 IDLE_SHARE = 0.1  # of what every component would have if all were used alike
-IDLE_WEIGHT = 0.1  # of the loss that calls idle components
+IDLE_WEIGHT = 0.1  # of the loss that moves idle components
 
 
 class MixtureHead(ActionHead):
@@ -22,11 +22,11 @@ class MixtureHead(ActionHead):
     the features of the chunk's first query, so that few decoded queries choose as all would. Acting takes
     the mean of the chosen component, without its noise (robomimic's evaluation, Mandlekar et al. 2021).
 
-    Over hundreds of elements the component that is a little better is better by hundreds of nats: it gets
-    the whole gradient from the first batches on, and the others never learn. So in training mode components
-    whose moving share of the chunks has become negligible are called, with a small weight, to what the
-    mixture explains worst (`_call`). Once a component has a share, it is left to the likelihood alone:
-    nothing depends on the length of the training, and the optimum is that of maximum likelihood.
+    Over hundreds of elements, a component that is a little better is better by hundreds of nats. It gets the
+    whole gradient from the first batches on, and the others never learn. In training mode, components whose
+    moving share of the chunks is negligible are therefore moved, with a small weight, to the chunks that the
+    mixture explains worst (`_idle_loss`). A component that has a share follows the likelihood alone: nothing
+    depends on the length of the training, and the optimum is that of maximum likelihood.
 
     Args:
         dim: width D of features.
@@ -89,7 +89,7 @@ class MixtureHead(ActionHead):
         total = -joint.logsumexp(-1)
         if self.training:
             self._count(joint)
-            total = total + self._call(nll, log_std, total)
+            total = total + self._idle_loss(nll, log_std, total)
         return per_element(total, is_pad, actions.shape[-1], normalization)
 
     @torch.no_grad()
@@ -97,13 +97,13 @@ class MixtureHead(ActionHead):
         """Update the components' shares by their responsibilities for this batch."""
         self.usage.lerp_(joint.softmax(-1).mean(0).to(self.usage), 1 - USAGE_DECAY)
 
-    def _call(
+    def _idle_loss(
         self, nll: Float[Tensor, "B T M A"], log_std: Float[Tensor, "B T M A"], total: Float[Tensor, " B"]
     ) -> Float[Tensor, " B"]:
-        """The loss of idle components for the chunks whose loss is above the average, by how much it is.
+        """Loss that moves idle components to the worst-explained chunks, in proportion to their excess loss.
 
-        Weighted so that means are drawn as by the squared error: by the likelihood, what is far off would
-        rather become wide than come near.
+        Its weights make the means learn as from the squared error. From the likelihood, a component that is
+        far off would become wide and not move.
         """
         excess = (total - total.mean()).detach().clamp_min(0)
         shares = excess / excess.mean().clamp_min(torch.finfo(excess.dtype).tiny)

@@ -1,4 +1,4 @@
-"""The only door for names from outside: repository ids, revisions, paths and hashes.
+"""Names from outside (repository ids, revisions, paths, hashes); all access to them goes through here.
 
 Everything that becomes part of a file name passes through here, so nothing else has to think about ``..``,
 absolute paths, NUL, or names longer than file systems allow.

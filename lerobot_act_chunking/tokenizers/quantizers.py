@@ -1,6 +1,6 @@
-"""From vectors to codes, level by level: `vector-quantize-pytorch`, told all that it would assume.
+"""From vectors to codes, level by level, with `vector-quantize-pytorch`.
 
-Its defaults change between releases; here every argument is given.
+Every option is set, so that a new default of the library changes nothing.
 """
 
 import math
@@ -141,9 +141,9 @@ class MovingCodebooks(Quantizer):
         )
 
     def train(self, mode: bool = True) -> "MovingCodebooks":
-        """Set the mode; the levels stay in training, without which they give no commitment.
+        """Set the mode; the levels stay in training mode, without which they give no commitment loss.
 
-        Whether they move is told them in every call.
+        An argument of every call says whether they move.
         """
         super().train(mode)
         self.levels.train()

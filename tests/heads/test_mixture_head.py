@@ -115,16 +115,16 @@ def test_an_idle_component_is_called(features, actions):
     assert component_gradients(head, features, actions)[2] == 0
 
 
-def test_the_call_is_for_what_is_explained_worst():
-    """Chunks with a loss below the average do not call, the others by how much theirs is above it."""
+def test_idle_components_move_to_what_is_explained_worst():
+    """Chunks with a loss below the average do not count, the others by how much theirs is above it."""
     head = with_idle_component(2)
     nll, log_std = torch.ones(B, T, M, A), torch.full((B, T, M, A), 0.5).log()
-    call = head._call(nll, log_std, torch.tensor([1.0, 8.0, 6.0]))
+    idle = head._idle_loss(nll, log_std, torch.tensor([1.0, 8.0, 6.0]))
     expected = torch.tensor([0.0, 3.0, 1.0]) * 3 / 4 * IDLE_WEIGHT * 0.5 ** (2 - 2 * head.beta) * T * A
-    torch.testing.assert_close(call, expected)
+    torch.testing.assert_close(idle, expected)
 
 
-def test_at_first_all_are_called(features, actions):
+def test_at_first_all_move(features, actions):
     gradients = component_gradients(make(), features, actions)
     assert (gradients > 1e-4).all()
 

@@ -1,4 +1,4 @@
-"""What a training run reads of a dataset: told by this package's policies, unknown for all others."""
+"""The columns that a training run reads of a dataset: known for this package's policies only."""
 
 import functools
 from collections.abc import Callable, Iterable, Mapping

@@ -69,14 +69,14 @@ def measure(source: Source, fps: float, limits: Limits, push: "PushStudy | None"
         at_disturbance = _at_disturbance(
             kernel.response(limits.disturbance_hz / fps)[0], limits.disturbance_hz
         )
-    told = None if source.checkpoint is None else untrained(source.checkpoint)
+    message = None if source.checkpoint is None else untrained(source.checkpoint)
     judgement = (
         judge_steps(steps, settings.replan_interval, limits, fps)
         if figures is None or agreement is None
         else judge(figures, agreement, at_disturbance, limits, fps)
     )
-    if told is not None:
-        reasons = [*judgement.reasons, f"execution alone was looked at: {told}"]
+    if message is not None:
+        reasons = [*judgement.reasons, f"execution alone was looked at: {message}"]
         judgement = replace(judgement, reasons=reasons)
     return BandwidthReport(
         source=source,

@@ -46,7 +46,7 @@ def measure_drift(
 
     Args:
         training: what the tokenizer learned from.
-        other: what it is asked to say now.
+        other: chunks of the dataset to compare with.
         vocabulary: M.
         folder: of the other dataset.
         seed: of the random choices of training episodes.

@@ -84,7 +84,7 @@ def _from_policy(checkpoint: str) -> Subject:
     loaded = load_policy(checkpoint)
     policy, config = loaded.policy, loaded.policy.config
     phase = policy.tokenizer_phase
-    told = f"{int(phase.n_learned)} of {phase.n_steps} steps" if phase.comes_first else None
+    message = f"{int(phase.n_learned)} of {phase.n_steps} steps" if phase.comes_first else None
     return Subject(
         source=checkpoint,
         kind=f"{POLICY_TYPE} checkpoint",
@@ -92,7 +92,7 @@ def _from_policy(checkpoint: str) -> Subject:
         settings=asdict(config.tokenizer_spec),
         action_dim=config.tokenizer_spec.action_dim,
         trained_on=read_training(checkpoint, config),
-        unfinished=told,
+        unfinished=message,
     )
 
 
@@ -136,8 +136,8 @@ def find_data(subject: Subject, folder: str | None) -> tuple[ActionEpisodes | No
     other = None if folder is None else check_fits(subject, read_episodes(folder))
     if training is None and other is None:
         known = subject.trained_on.folder
-        told = (
+        message = (
             f"its training dataset is not at {known}" if known else "it does not say what it was trained on"
         )
-        raise DatasetError(f"{told}: give a LeRobotDataset's folder (with meta/info.json) as --dataset")
+        raise DatasetError(f"{message}: give a LeRobotDataset's folder (with meta/info.json) as --dataset")
     return training, other

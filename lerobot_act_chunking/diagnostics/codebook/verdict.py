@@ -93,13 +93,15 @@ def _coarse(settings: Mapping[str, Any], losses: Losses, thresholds: Thresholds)
     findings = []
     grade = _graded(losses.lost_variance, thresholds.lost_variance)
     if grade is not None:
-        told = f"the codes lose {losses.lost_variance:.0%} of what varies in the actions"
-        findings.append((grade, f"{told}, which the policy's offset has to make up for: {_finer(settings)}"))
+        message = f"the codes lose {losses.lost_variance:.0%} of what varies in the actions"
+        findings.append(
+            (grade, f"{message}, which the policy's offset has to make up for: {_finer(settings)}")
+        )
     unsaid = [loss for loss in losses.dimensions if (loss.lost_variance or 0.0) > thresholds.unsaid]
     if unsaid:
         named = ", ".join(f"{loss.name} ({min(1.0, loss.lost_variance or 0.0):.0%} lost)" for loss in unsaid)
-        told = f"they hardly tell {named}: ways that differ in these alone have the same codes"
-        findings.append(("warn", told if grade else f"{told}; {_finer(settings)}"))
+        message = f"they hardly tell {named}: ways that differ in these alone have the same codes"
+        findings.append(("warn", message if grade else f"{message}; {_finer(settings)}"))
     return findings
 
 
@@ -143,5 +145,5 @@ def _drifted(drift: Drift, thresholds: Thresholds) -> list[Finding]:
 
 
 def _nothing_wrong(losses: Losses, drift: Drift | None) -> str:
-    told = f"the codes are in use and tell {1 - losses.lost_variance:.0%} of what varies"
-    return told if drift is None else f"{told}; {drift.folder} fits them as the training data do"
+    message = f"the codes are in use and tell {1 - losses.lost_variance:.0%} of what varies"
+    return message if drift is None else f"{message}; {drift.folder} fits them as the training data do"

@@ -28,8 +28,8 @@ def print_report(report: LatentReport, console: Console) -> None:
     console.print(LEGEND, style="dim", highlight=False)
     console.print(_groups_table(report))
     reasons = "; ".join(report.reasons)
-    told = f"[{COLOURS[report.verdict]}]{report.judgement.diagnosis}[/]: {escape(reasons)}"
-    console.print(told, highlight=False, soft_wrap=True)
+    message = f"[{COLOURS[report.verdict]}]{report.judgement.diagnosis}[/]: {escape(reasons)}"
+    console.print(message, highlight=False, soft_wrap=True)
 
 
 def describe(report: LatentReport) -> str:
@@ -51,14 +51,14 @@ def source_name(report: LatentReport, source: str) -> str:
 def _divergences(report: LatentReport) -> str:
     health = report.health
     by_dimension = sorted(health.kl_by_dimension, reverse=True)
-    told = f"KL {health.kl:.3g} nats"
+    message = f"KL {health.kl:.3g} nats"
     if len(by_dimension) > 1:
         largest = ", ".join(f"{kl:.2g}" for kl in by_dimension[:MOST_ROWS])
         more = ", ..." if len(by_dimension) > MOST_ROWS else ""
-        told += f", {health.kl_active_dims} of {len(by_dimension)} dimensions above {ACTIVE_NATS:g}"
-        told += f": {largest}{more}"
+        message += f", {health.kl_active_dims} of {len(by_dimension)} dimensions above {ACTIVE_NATS:g}"
+        message += f": {largest}{more}"
     active = f"{health.active_units} active units (variance of the posterior mean above {ACTIVE_VARIANCE:g})"
-    return f"{told}\n{active}; {health.by_place:.0%} of their variance is between places in the episode"
+    return f"{message}\n{active}; {health.by_place:.0%} of their variance is between places in the episode"
 
 
 def _errors_table(report: LatentReport) -> Table:
@@ -69,8 +69,8 @@ def _errors_table(report: LatentReport) -> Table:
         check = checks.get(source)
         figures = ("-", "-") if check is None else (f"{check.outside:.1%}", f"{check.starved:.1%}")
         name = source_name(report, source)
-        told = f"[bold]{name} *[/]" if source == _acts_with(report) else name
-        table.add_row(told, f"{error:.4f}", f"{error / best:.2f}", *figures)
+        message = f"[bold]{name} *[/]" if source == _acts_with(report) else name
+        table.add_row(message, f"{error:.4f}", f"{error / best:.2f}", *figures)
     return table
 
 

@@ -22,8 +22,8 @@ def print_report(report: ComparisonReport, console: Console) -> None:
     console.print(f"[bold]{title}[/] [dim]({escape(demonstrations.folder)})[/]", soft_wrap=True)
     n_held_out = len(report.held_out)
     fitted_to = f"{len(demonstrations.episodes) - n_held_out} episodes"
-    told = f"fitted to {fitted_to} ({report.steps} steps, if at all), errors on {n_held_out} others:"
-    console.print(told, highlight=False, soft_wrap=True)
+    message = f"fitted to {fitted_to} ({report.steps} steps, if at all), errors on {n_held_out} others:"
+    console.print(message, highlight=False, soft_wrap=True)
     console.print(_table(report))
     console.print(f"[dim]- {NOTE}[/]", highlight=False)
     console.print(f"recommended: {report.flags}", highlight=False, soft_wrap=True, markup=False)
