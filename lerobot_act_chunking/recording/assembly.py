@@ -32,7 +32,7 @@ class DatasetAssembly:
     A context manager: leaving it on an error removes the folder. Equal episodes give equal files.
 
     Args:
-        folder: where to make it; must not exist.
+        folder: where to make it; what an earlier attempt left there is removed.
         repo_id: name for LeRobot.
         form: features, rate and task.
     """
@@ -40,6 +40,8 @@ class DatasetAssembly:
     def __init__(self, folder: Path, repo_id: str, form: DatasetFormat) -> None:
         self._folder, self._repo_id, self._form = folder, repo_id, form
         self._lengths: list[int] = []
+        # At the last moment: an encoder of a failed attempt in this process may write for a while.
+        shutil.rmtree(folder, ignore_errors=True)
         self._dataset = LeRobotDataset.create(
             repo_id=repo_id,
             fps=form.fps,
