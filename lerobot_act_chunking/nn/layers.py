@@ -53,14 +53,18 @@ class Residual(nn.Module):
         return y if self.pre_norm else self.norm(y)
 
 
-class SelfAttention(Residual):
-    """Tokens attend to each other."""
+class AttentionLayer(Residual):
+    """A branch that attends."""
 
     attention_type: type[Attention] = Attention
 
     def __init__(self, spec: LayerSpec):
         super().__init__(spec)
         self.attention = self.attention_type(spec.dim, spec.n_heads, spec.dropout)
+
+
+class SelfAttention(AttentionLayer):
+    """Tokens attend to each other."""
 
     def forward(
         self,
@@ -83,14 +87,8 @@ class SelfAttention(Residual):
         return self.add(x, attend)
 
 
-class CrossAttention(Residual):
+class CrossAttention(AttentionLayer):
     """Queries attend to a memory."""
-
-    attention_type: type[Attention] = Attention
-
-    def __init__(self, spec: LayerSpec):
-        super().__init__(spec)
-        self.attention = self.attention_type(spec.dim, spec.n_heads, spec.dropout)
 
     def forward(
         self,

@@ -61,7 +61,9 @@ def install(policy: Any = None) -> None:
     Args:
         policy: the one that will act, if it is there already.
     """
-    if policy is not None and policy not in failures:
+    if policy in failures:
+        failures[policy].clear()  # a new rollout
+    elif policy is not None:
         failures[policy] = []
         policy.predict_action_chunk = _noting(policy.predict_action_chunk, failures[policy])
     module = sys.modules.get(ENGINE)

@@ -138,6 +138,23 @@ def test_an_error_of_ours_in_the_engines_thread_ends_the_rollout_with_it():
     assert not robot.is_connected
 
 
+def test_an_error_of_one_rollout_does_not_end_the_next():
+    policy, broken = make_policy(slow_chunks=0), True
+    works = policy.predict_action_chunk
+
+    def predict(batch, inference_delay=None, prev_chunk_left_over=None):
+        if broken:
+            raise FeatureError("observation.state has 5 values, not 6")
+        return works(batch, inference_delay, prev_chunk_left_over)
+
+    policy.predict_action_chunk = predict
+    with pytest.raises(FeatureError):
+        roll_out(policy, Robot(3.0), duration=60.0)
+    broken, robot = False, Robot(3.0)
+    roll_out(policy, robot, duration=1.0)
+    assert len(robot.actions) > 10
+
+
 def test_other_policies_are_left_to_lerobot():
     make_policy(slow_chunks=0).init_rtc_processor()
     engine = RTCInferenceEngine.__new__(RTCInferenceEngine)
