@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 import torch
 from lerobot.datasets.dataset_tools import delete_episodes, merge_datasets, split_dataset
@@ -135,6 +137,21 @@ def test_items_are_lerobots_or_its_errors(tmp_path, seed):
     n_episodes = LeRobotDataset(REPO_ID, root).num_episodes
     n_items = sum(compare(root, drawn_options(features, n_episodes, rng), rng) for _ in range(N_OPENINGS))
     assert n_items > 0
+
+
+def test_a_missing_value_that_nobody_asked_for_is_lerobots_error(tmp_path):
+    vector = {"dtype": "float32", "names": None}
+    features = {"action": {**vector, "shape": (3,)}, "observation.force": {**vector, "shape": (1,)}}
+    root = record(tmp_path / "set", features, (6,), use_videos=False)
+    (path,) = (root / "data").rglob("*.parquet")
+    table, key = pq.read_table(path), "observation.force"
+    values = [None if row == 3 else value for row, value in enumerate(table[key].to_pylist())]
+    column = pa.array(values, table.schema.field(key).type)
+    pq.write_table(table.set_column(table.column_names.index(key), table.schema.field(key), column), path)
+    options = {"delta_timestamps": {"action": seconds((0, 1, 2))}}
+    assert compare(root, options, np.random.default_rng(0)) == 6
+    stock = LeRobotDataset(REPO_ID, root, **options)
+    assert answer(lambda: stock[2]) is RuntimeError
 
 
 def test_empty_offsets_and_offsets_of_text_are_answered_as_by_lerobot(numbers, open_both):
