@@ -1,7 +1,7 @@
 """The package's errors: each message names the offending value and the way out."""
 
 import importlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 
@@ -31,6 +31,17 @@ class DatasetError(ActChunkingError):
 def unknown_choice(what: str, value: object, choices: Iterable[str]) -> ConfigurationError:
     """The error for a name outside its allowed set, with the set spelled out."""
     return ConfigurationError(f"unknown {what} {value!r}; choose one of: {', '.join(choices)}")
+
+
+def look_up[T](what: str, name: str, table: Mapping[str, T]) -> T:
+    """The entry of this name.
+
+    Raises:
+        ConfigurationError: there is none; it lists the names.
+    """
+    if name not in table:
+        raise unknown_choice(what, name, table)
+    return table[name]
 
 
 def need(module: str, asked: str, requirement: str) -> Any:

@@ -2,11 +2,13 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from typing import ClassVar
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
+from lerobot_act_chunking.heads.spec import HeadSize, HeadSpec
 from lerobot_act_chunking.nn.masking import PadNormalization, per_sample_error
 
 Act = Callable[[Float[Tensor, "B q D"]], Float[Tensor, "B t A"]]
@@ -19,12 +21,27 @@ class ActionHead(nn.Module, ABC):
     policy.
 
     Attributes:
+        is_bounded: whether it only predicts actions in [-1, 1].
         actions_per_query: consecutive actions of each query.
         draws_shape: shape of the uniform numbers that choosing one chunk consumes; () if nothing is random.
     """
 
+    is_bounded: ClassVar[bool] = False
     actions_per_query: int
     draws_shape: tuple[int, ...] = ()
+
+    @classmethod
+    @abstractmethod
+    def from_spec(cls, spec: HeadSpec, size: HeadSize) -> "ActionHead":
+        """A fresh head with these settings."""
+
+    @classmethod
+    def check(cls, spec: HeadSpec) -> None:
+        """Refuse settings that do not go with this head.
+
+        Raises:
+            ConfigurationError: naming the value and the way out.
+        """
 
     def loss(
         self,

@@ -1,11 +1,15 @@
 """Actions in bins: any distribution of every element, with several modes if need be."""
 
+from typing import ClassVar
+
 from jaxtyping import Float, Int64
 from torch import Tensor
 
+from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.heads.action_head import ElementHead
 from lerobot_act_chunking.heads.categorical_bins import bin_limit, cross_entropy, soft_local, soft_targets
 from lerobot_act_chunking.heads.codes import inverse_cdf_index
+from lerobot_act_chunking.heads.spec import HeadSize, HeadSpec
 
 
 class CategoricalHead(ElementHead):
@@ -27,6 +31,8 @@ class CategoricalHead(ElementHead):
         top_k: samples are among this many likeliest bins; 0 for all.
     """
 
+    is_bounded: ClassVar[bool] = True
+
     def __init__(
         self,
         dim: int,
@@ -46,6 +52,32 @@ class CategoricalHead(ElementHead):
         self.soft_local_bins, self.temperature, self.top_k = soft_local_bins, temperature, top_k
         if temperature > 0:
             self.draws_shape = (n_queries * actions_per_query, action_dim)
+
+    @classmethod
+    def from_spec(cls, spec: HeadSpec, size: HeadSize) -> "CategoricalHead":
+        """A fresh head with these settings."""
+        return cls(
+            *size.layer,
+            n_queries=size.n_queries,
+            n_bins=spec.n_bins,
+            sigma=spec.hl_gauss_sigma,
+            soft_local_bins=spec.soft_local_bins,
+            temperature=spec.action_temperature,
+            top_k=spec.action_top_k,
+        )
+
+    @classmethod
+    def check(cls, spec: HeadSpec) -> None:
+        """Refuse to limit what is sampled where nothing is.
+
+        Raises:
+            ConfigurationError: naming the value and the way out.
+        """
+        if spec.action_top_k and not spec.action_temperature:
+            raise ConfigurationError(
+                f"action_top_k={spec.action_top_k} limits what is sampled, but with action_temperature=0 "
+                "nothing is: set action_temperature=1, or action_top_k=0"
+            )
 
     def element_loss(
         self, features: Float[Tensor, "B Q D"], actions: Float[Tensor, "B T A"]

@@ -8,6 +8,7 @@ from torch import Tensor
 
 from lerobot_act_chunking.heads.action_head import ElementHead
 from lerobot_act_chunking.heads.action_scale import BoundedScale, open_interval
+from lerobot_act_chunking.heads.spec import HeadSize, HeadSpec
 
 HALF_LOG_TAU = 0.5 * math.log(math.tau)
 
@@ -46,6 +47,17 @@ class GaussianHead(ElementHead):
         self.temperature = temperature
         if temperature > 0:
             self.draws_shape = (n_queries * actions_per_query, action_dim)
+
+    @classmethod
+    def from_spec(cls, spec: HeadSpec, size: HeadSize) -> "GaussianHead":
+        """A fresh head with these settings."""
+        return cls(
+            *size.layer,
+            n_queries=size.n_queries,
+            beta=spec.nll_beta,
+            min_std=spec.min_std,
+            temperature=spec.action_temperature,
+        )
 
     def element_loss(
         self, features: Float[Tensor, "B Q D"], actions: Float[Tensor, "B T A"]

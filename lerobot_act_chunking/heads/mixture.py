@@ -8,6 +8,7 @@ from lerobot_act_chunking.heads.action_head import Act, ActionHead, at_least_sin
 from lerobot_act_chunking.heads.action_scale import BoundedScale
 from lerobot_act_chunking.heads.codes import inverse_cdf_index
 from lerobot_act_chunking.heads.gaussian import mean_with_scaled_gradient, normal_nll
+from lerobot_act_chunking.heads.spec import HeadSize, HeadSpec
 from lerobot_act_chunking.nn.masking import PadNormalization, per_element
 
 USAGE_DECAY = 0.99  # of the moving average over batches
@@ -62,6 +63,17 @@ class MixtureHead(ActionHead):
             self.draws_shape = (1,)
         self.usage: Tensor
         self.register_buffer("usage", torch.zeros(n_components))  # at first, all are called
+
+    @classmethod
+    def from_spec(cls, spec: HeadSpec, size: HeadSize) -> "MixtureHead":
+        """A fresh head with these settings."""
+        return cls(
+            *size.layer,
+            n_components=spec.n_components,
+            beta=spec.nll_beta,
+            min_std=spec.min_std,
+            temperature=spec.action_temperature,
+        )
 
     def log_weights(self, features: Float[Tensor, "B q D"]) -> Float[Tensor, "B M"]:
         """Logarithms of the components' weights; ``features`` begin with those of the first query."""

@@ -5,7 +5,9 @@ from typing import Literal
 from jaxtyping import Float
 from torch import Tensor
 
+from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.heads.action_head import ElementHead, at_least_single
+from lerobot_act_chunking.heads.spec import HeadSize, HeadSpec
 
 
 class RegressionHead(ElementHead):
@@ -24,6 +26,24 @@ class RegressionHead(ElementHead):
     def __init__(self, dim: int, action_dim: int, actions_per_query: int, power: Literal[1, 2] = 1):
         super().__init__(dim, action_dim, actions_per_query, n_parameters=1)
         self.power = power
+
+    @classmethod
+    def from_spec(cls, spec: HeadSpec, size: HeadSize) -> "RegressionHead":
+        """A fresh head with these settings."""
+        return cls(*size.layer, power=1 if spec.action_likelihood == "l1" else 2)
+
+    @classmethod
+    def check(cls, spec: HeadSpec) -> None:
+        """Refuse to sample what is predicted without a distribution.
+
+        Raises:
+            ConfigurationError: naming the value and the way out.
+        """
+        if spec.action_temperature:
+            raise ConfigurationError(
+                f"action_temperature={spec.action_temperature}, but {spec.action_likelihood} predicts one "
+                "action and has nothing to sample: set action_temperature=0, or action_likelihood=gaussian"
+            )
 
     def forward(self, features: Float[Tensor, "B q D"]) -> Float[Tensor, "B t A"]:
         """Actions of every step, in order."""

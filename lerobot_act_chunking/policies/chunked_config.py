@@ -66,7 +66,7 @@ class ChunkedConfig(DatasetReading, ExecutionFields, GivenSettings, ChecksPush):
     """
 
     # Choices of fields that LeRobot's policies have, too: its command line has one argument for all fields of
-    # a name, so that a Literal here would refuse what another policy takes.
+    # a name, so that a Literal or `one_of` here would refuse what another policy takes.
     choices: ClassVar[dict[str, tuple[str, ...]]] = {}
 
     state_keys: list[str] | None = None

@@ -1,7 +1,7 @@
 """Refuses values of the wrong kind or out of range, field by field, before anything is made of them."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import fields
 from enum import Enum
 from functools import cache
@@ -11,6 +11,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 from lerobot.configs import PreTrainedConfig
 
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
+from lerobot_act_chunking.policies.choices import choices_of
 from lerobot_act_chunking.policies.ranges import RANGES
 
 # LeRobot answers for its own fields, but this one is a number of ours, too.
@@ -27,7 +28,7 @@ def check_fields(config: PreTrainedConfig) -> None:
     Raises:
         ConfigurationError: naming the field, the value and what is allowed.
     """
-    choices: Mapping[str, tuple[str, ...]] = getattr(type(config), "choices", {})
+    choices = choices_of(type(config))
     for name, hint, optional in own_fields(type(config)):
         value = getattr(config, name)
         if value is None and optional:

@@ -14,9 +14,10 @@ from lerobot.configs import PreTrainedConfig
 
 from lerobot_act_chunking.errors import unknown_choice
 from lerobot_act_chunking.execution.settings import ExecutionSettings
-from lerobot_act_chunking.heads.make import HeadSpec
+from lerobot_act_chunking.heads.spec import HeadSpec
 from lerobot_act_chunking.policies.act_chunked import presets as act_presets
 from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
+from lerobot_act_chunking.policies.choices import choices_of
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
 from lerobot_act_chunking.policies.diffusion_chunked import presets as diffusion_presets
 from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked import (
@@ -151,7 +152,7 @@ def _undecided(name: str, columns: Mapping[str, Mapping[str, str]]) -> bool:
 
 
 def _allowed(config_class: type, name: str, hint: Any, nullable: bool) -> str:
-    choices = getattr(config_class, "choices", {}).get(name)
+    choices = choices_of(config_class).get(name)
     choices = choices or (get_args(hint) if get_origin(hint) is Literal else None)
     if name == "preset":
         choices = next(presets for each, presets in POLICIES.values() if each is config_class)

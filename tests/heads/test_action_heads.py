@@ -2,8 +2,10 @@
 
 import pytest
 import torch
+from head_cases import head_spec
 
-from lerobot_act_chunking.heads.make import HEADS, HeadSpec, make_action_head
+from lerobot_act_chunking.heads.make import HEADS, make_action_head
+from lerobot_act_chunking.heads.spec import HeadSize
 
 B, Q, D, A, S = 3, 5, 16, 4, 2
 T = Q * S
@@ -14,8 +16,8 @@ SAMPLED = [name for name in HEADS if name not in ("l1", "l2")]
 def make(likelihood, temperature=0.0, **settings):
     torch.manual_seed(0)
     settings = {"n_bins": 32, "n_components": 3} | settings
-    spec = HeadSpec(action_likelihood=likelihood, action_temperature=temperature, **settings)
-    return make_action_head(spec, D, A, Q, S)
+    spec = head_spec(action_likelihood=likelihood, action_temperature=temperature, **settings)
+    return make_action_head(spec, HeadSize(D, A, Q, S))
 
 
 def uniform(*shape, seed=0):

@@ -1,14 +1,20 @@
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
+from head_cases import head_spec
 
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.heads.make import HEADS, HeadSpec, make_action_head
+from lerobot_act_chunking.heads.make import HEADS, check_head, make_action_head
+from lerobot_act_chunking.heads.spec import HeadSize, HeadSpec
+
+SIZE = HeadSize(16, 4, n_queries=5, actions_per_query=2)
 
 
 @pytest.mark.parametrize("likelihood", HEADS)
-def test_defaults_work_for_every_likelihood(likelihood):
-    make_action_head(HeadSpec(action_likelihood=likelihood), 16, 4, 5, 2)
+def test_the_same_settings_work_for_every_likelihood(likelihood):
+    head = make_action_head(head_spec(action_likelihood=likelihood), SIZE)
+    assert head.actions_per_query == 2
 
 
 @pytest.mark.parametrize(
@@ -35,17 +41,17 @@ def test_defaults_work_for_every_likelihood(likelihood):
 )
 def test_what_cannot_work_is_refused(settings, message):
     with pytest.raises(ConfigurationError, match=message):
-        HeadSpec(**settings).check()
+        check_head(head_spec(**settings))
 
 
 def test_a_spec_is_read_from_a_configuration():
-    expected = HeadSpec(action_likelihood="gmm", n_components=7, min_std=0.02)
+    expected = head_spec(action_likelihood="gmm", n_components=7, min_std=0.02)
     config = SimpleNamespace(**vars(expected), dim_model=512)
     assert HeadSpec.from_fields(config) == expected
 
 
 def test_every_setting_arrives():
-    """Each head's settings, all other than their defaults."""
+    """Each head's settings, all other than usual."""
     spec = HeadSpec(
         action_likelihood="categorical",
         nll_beta=0.25,
@@ -57,11 +63,11 @@ def test_every_setting_arrives():
         action_temperature=0.7,
         action_top_k=6,
     )
-    head = make_action_head(spec, 16, 4, 5, 2)
+    head = make_action_head(spec, SIZE)
     assert (head.n_bins, head.sigma, head.soft_local_bins) == (20, 1.5, 3)
     assert (head.temperature, head.top_k, head.draws_shape) == (0.7, 6, (10, 4))
     gaussian, laplace, gmm = (
-        make_action_head(HeadSpec(**{**vars(spec), "action_likelihood": name}), 16, 4, 5, 2)
+        make_action_head(replace(spec, action_likelihood=name), SIZE)
         for name in ("gaussian", "laplace", "gmm")
     )
     assert (gaussian.beta, gaussian.temperature, gaussian.draws_shape) == (0.25, 0.7, (10, 4))

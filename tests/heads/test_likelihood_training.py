@@ -2,8 +2,10 @@
 
 import pytest
 import torch
+from head_cases import head_spec
 
-from lerobot_act_chunking.heads.make import HeadSpec, make_action_head
+from lerobot_act_chunking.heads.make import make_action_head
+from lerobot_act_chunking.heads.spec import HeadSize
 
 D, A, Q, S = 16, 4, 5, 2
 T = Q * S
@@ -27,8 +29,8 @@ def demonstrations(way):
 
 def train(demonstrations, likelihood, *, n_steps=300, idle=(), **settings):
     torch.manual_seed(0)
-    spec = HeadSpec(action_likelihood=likelihood, n_bins=50, min_std=0.02, **settings)
-    head = make_action_head(spec, D, A, Q, S)
+    spec = head_spec(action_likelihood=likelihood, n_bins=50, min_std=0.02, **settings)
+    head = make_action_head(spec, HeadSize(D, A, Q, S))
     for component in idle:
         head.projection.bias.data.unflatten(0, (S, -1, A, 2))[:, component, :, 0] = 3
     features = torch.nn.functional.layer_norm(torch.randn(1, Q, D), (D,))

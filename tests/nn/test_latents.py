@@ -1,5 +1,6 @@
 import pytest
 import torch
+from latent_cases import latent_spec
 from torch.distributions import Categorical, MixtureSameFamily, MultivariateNormal, Normal, kl_divergence
 
 from lerobot_act_chunking.errors import ConfigurationError
@@ -7,7 +8,7 @@ from lerobot_act_chunking.nn.latents.categorical import CategoricalLatent
 from lerobot_act_chunking.nn.latents.conditional import ConditionalLatent
 from lerobot_act_chunking.nn.latents.gaussian import GaussianLatent
 from lerobot_act_chunking.nn.latents.health import latent_metrics
-from lerobot_act_chunking.nn.latents.make import LATENTS, LatentSpec, make_latent
+from lerobot_act_chunking.nn.latents.make import LATENTS, make_latent
 from lerobot_act_chunking.nn.latents.mixture import MixtureLatent
 from lerobot_act_chunking.nn.latents.normal import kl_between_normals, select_component
 
@@ -25,7 +26,7 @@ def tokens(n=B):
 
 def make(latent_type, **settings):
     torch.manual_seed(0)
-    return make_latent(LatentSpec(latent_type, L, M, **settings), D)
+    return make_latent(latent_spec(latent_type=latent_type, **settings), D)
 
 
 def posterior_of(latent, n=B, seed=0):
@@ -419,7 +420,7 @@ def test_metrics_of_latent_health():
 )
 def test_settings_that_cannot_work(settings, message):
     with pytest.raises(ConfigurationError, match=message):
-        make_latent(LatentSpec(**settings), D)
+        make_latent(latent_spec(**settings), D)
 
 
 def test_each_name_makes_its_latent():

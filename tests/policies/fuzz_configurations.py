@@ -1,6 +1,7 @@
 """Random configurations: sensible, unusual and hostile values for every field, over random features."""
 
 import random
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, get_args, get_origin
 
@@ -8,6 +9,7 @@ import policy_cases  # noqa: F401  (registers the types)
 from lerobot.configs import FeatureType, NormalizationMode, PolicyFeature, PreTrainedConfig
 
 from lerobot_act_chunking.execution.settings import Kernel, Mode, Weighting
+from lerobot_act_chunking.policies.choices import choices_of
 from lerobot_act_chunking.policies.field_checks import own_fields
 from lerobot_act_chunking.policies.ranges import RANGES
 
@@ -95,7 +97,7 @@ def draw(policy_type: str, seed: int) -> Draw:
     config_class: Any = PreTrainedConfig.get_choice_class(policy_type)
     settings = SMALL_CNN | TINY[policy_type]
     for name, hint, _ in rng.sample(own_fields(config_class), rng.choice((1, 2, 3, 5, 8))):
-        settings[name] = _value(name, hint, config_class.choices, rng)
+        settings[name] = _value(name, hint, choices_of(config_class), rng)
     if rng.random() < 0.3:
         settings[rng.choice(list(settings))] = rng.choice(HOSTILE)
     hints = {name: hint for name, hint, _ in own_fields(config_class)}
@@ -111,7 +113,7 @@ def _as_typed(value: Any, hint: Any) -> Any:
     return kind(value) if kind in (list, tuple) and isinstance(value, list | tuple) else value
 
 
-def _value(name: str, hint: Any, choices: dict[str, tuple[str, ...]], rng: random.Random) -> Any:
+def _value(name: str, hint: Any, choices: Mapping[str, tuple[str, ...]], rng: random.Random) -> Any:
     if name in NEAR or name in choices:
         return rng.choice(NEAR.get(name) or choices[name])
     if get_origin(hint) is Literal:

@@ -234,7 +234,7 @@ def test_observations_and_decoders_that_cannot_work(settings, message):
         ),
         (
             {"action_likelihood": "categorical", "normalization_mapping": MEAN_STD},
-            "action_likelihood=categorical has bins in [-1, 1], but actions are normalised by MEAN_STD",
+            "action_likelihood=categorical predicts actions in [-1, 1], but actions are normalised by MEAN",
         ),
         (
             {"action_likelihood": "categorical", "action_top_k": 4},

@@ -12,6 +12,7 @@ from policy_cases import SIZES
 from tiers import draws
 
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.policies.choices import choices_of
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
     TemporalEnsembleConfig,
 )
@@ -25,11 +26,7 @@ NUMBERS = (0.0, 1e-4, 0.02, 0.1, 0.3, 0.5, 0.99, 1.0, 2.0, 10.0)
 NAMED: dict[str, tuple[Any, ...]] = {
     "preset": ("base", "paper", "autoregressive"),
     "vision_backbone": ("small_cnn", "resnet18", "resnet34"),
-    "objective": ("flow", "ddpm", "two_step"),
-    "prediction_type": ("velocity", "sample", "epsilon", "v_prediction"),
-    "beta_schedule": ("linear", "squaredcos_cap_v2"),
     "normalization_mapping": tuple({"ACTION": mode} for mode in NormalizationMode),
-    "feedforward_activation": ("relu", "gelu"),
     "gripper_dims": ([], [0], [2, 1]),
     "fps": (10.0, 50.0),
 }
@@ -55,12 +52,16 @@ def values_of(hint: Any) -> tuple[Any, ...]:
     return tuple(value for each in of for value in values_of(each))
 
 
+def candidates(config_class: type, name: str, hint: Any) -> tuple[Any, ...]:
+    return NAMED.get(name) or choices_of(config_class).get(name) or values_of(hint)
+
+
 def draw(policy_type: str, rng: np.random.Generator) -> dict[str, Any]:
     """One to four settings of a type."""
     config_class = PreTrainedConfig.get_choice_class(policy_type)
     hints = get_type_hints(config_class)
     names = [each.name for each in fields(config_class) if each.name not in LEFT_OUT]
-    choices = {name: NAMED.get(name) or values_of(hints[name]) for name in names}
+    choices = {name: candidates(config_class, name, hints[name]) for name in names}
     chosen = rng.permutation(names)[: rng.integers(1, 5)]
     return {str(name): choices[name][rng.integers(len(choices[name]))] for name in chosen}
 
@@ -109,7 +110,7 @@ def test_every_field_is_left_alone_by_itself(policy_type):
     config_class = PreTrainedConfig.get_choice_class(policy_type)
     hints = get_type_hints(config_class)
     for name in {each.name for each in fields(config_class)} - LEFT_OUT:
-        for value in NAMED.get(name) or values_of(hints[name]):
+        for value in candidates(config_class, name, hints[name]):
             try:
                 config = make(policy_type, {name: value})
             except ConfigurationError:

@@ -32,6 +32,8 @@ def test_no_choice_of_ours_restricts_a_field_of_lerobots(policies: dict[str, typ
     for name in OURS:
         for field, hint in typing.get_type_hints(policies[name]).items():
             assert typing.get_origin(hint) is not typing.Literal or field not in theirs, (name, field)
+        for field in fields(policies[name]):
+            assert "custom_args" not in field.metadata or field.name not in theirs, (name, field.name)
 
 
 @pytest.mark.usefixtures("policies")

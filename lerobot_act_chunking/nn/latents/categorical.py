@@ -6,6 +6,7 @@ from torch import Tensor
 
 from lerobot_act_chunking.nn.latents.latent import Latent, Posterior
 from lerobot_act_chunking.nn.latents.normal import select_component
+from lerobot_act_chunking.nn.latents.spec import LatentSpec
 
 FIRST_TEMPERATURE, LAST_TEMPERATURE = 1.0, 0.3
 USAGE_RATE = 0.01  # of the moving average over training batches
@@ -38,6 +39,16 @@ class CategoricalLatent(Latent):
         self.n_steps: Tensor
         self.register_buffer("usage", torch.full((n_codes,), 1 / n_codes))
         self.register_buffer("n_steps", torch.tensor(0))
+
+    @classmethod
+    def from_spec(cls, spec: LatentSpec, token_dim: int) -> "CategoricalLatent":
+        """A fresh latent with these settings."""
+        return cls(
+            spec.n_latent_components,
+            anneal_steps=spec.latent_warmup_steps,
+            temperature=spec.z_temperature,
+            uniform=spec.uniform,
+        )
 
     @property
     def relaxation(self) -> Float[Tensor, ""]:

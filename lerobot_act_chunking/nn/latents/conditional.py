@@ -7,6 +7,7 @@ from torch import Tensor, nn
 from lerobot_act_chunking.nn.latents.gaussian import split_normal
 from lerobot_act_chunking.nn.latents.latent import Latent, Posterior
 from lerobot_act_chunking.nn.latents.normal import kl_between_normals, sample_normal
+from lerobot_act_chunking.nn.latents.spec import LatentSpec
 
 
 class ConditionalLatent(Latent):
@@ -30,6 +31,11 @@ class ConditionalLatent(Latent):
         self.predict = nn.Sequential(
             nn.LayerNorm(token_dim), nn.Linear(token_dim, token_dim), nn.GELU(), last
         )
+
+    @classmethod
+    def from_spec(cls, spec: LatentSpec, token_dim: int) -> "ConditionalLatent":
+        """A fresh latent with these settings."""
+        return cls(spec.latent_dim, token_dim, temperature=spec.z_temperature)
 
     def _posterior(
         self,

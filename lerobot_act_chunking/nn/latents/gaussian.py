@@ -7,6 +7,7 @@ from torch import Tensor
 from lerobot_act_chunking.nn.buffers import keep_missing_buffers
 from lerobot_act_chunking.nn.latents.latent import Latent, Posterior
 from lerobot_act_chunking.nn.latents.normal import kl_to_standard_normal, sample_normal, select_component
+from lerobot_act_chunking.nn.latents.spec import LatentSpec
 
 MOST_COMPONENTS = 16
 LOG_VARIANCE = (-10.0, 5.0)  # beyond, nothing is gained and exponentials may overflow
@@ -38,6 +39,11 @@ class GaussianLatent(Latent):
         self.register_buffer("scales", torch.zeros(MOST_COMPONENTS, dim, dim))
         self.fit_density(torch.ones(1), torch.zeros(1, dim), torch.eye(dim)[None])
         self.register_load_state_dict_pre_hook(keep_missing_buffers)  # acts with N(0, I)
+
+    @classmethod
+    def from_spec(cls, spec: LatentSpec, token_dim: int) -> "GaussianLatent":
+        """A fresh latent with these settings."""
+        return cls(spec.latent_dim, temperature=spec.z_temperature, uniform=spec.uniform)
 
     @property
     def fitted(self) -> bool:

@@ -7,6 +7,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from lerobot_act_chunking.nn.latents.spec import LatentSpec
+
 
 class Posterior(NamedTuple):
     """A style drawn from q(z | demonstration).
@@ -37,6 +39,11 @@ class Latent(nn.Module, ABC):
     dim: int
     n_parameters: int
     n_noise: int
+
+    @classmethod
+    @abstractmethod
+    def from_spec(cls, spec: LatentSpec, token_dim: int) -> "Latent":
+        """A fresh latent with these settings, for tokens of ``token_dim`` channels."""
 
     def posterior(
         self,

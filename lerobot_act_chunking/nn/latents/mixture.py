@@ -12,6 +12,7 @@ from lerobot_act_chunking.nn.latents.normal import (
     sample_normal,
     select_component,
 )
+from lerobot_act_chunking.nn.latents.spec import LatentSpec
 
 N_REMEMBERED = 1024  # encodings that place the components
 SPREAD_RATE = 0.05  # of the moving average of posterior variances
@@ -56,6 +57,17 @@ class MixtureLatent(Latent):
         self.register_buffer("spread", torch.ones(dim))
         self.register_buffer("n_seen", torch.tensor(0))
         self.register_buffer("n_steps", torch.tensor(0))
+
+    @classmethod
+    def from_spec(cls, spec: LatentSpec, token_dim: int) -> "MixtureLatent":
+        """A fresh latent with these settings."""
+        return cls(
+            spec.latent_dim,
+            spec.n_latent_components,
+            warmup_steps=spec.latent_warmup_steps,
+            temperature=spec.z_temperature,
+            uniform=spec.uniform,
+        )
 
     @property
     def placed(self) -> bool:

@@ -5,6 +5,7 @@ from typing import cast
 from lerobot.utils.constants import OBS_STATE
 
 from lerobot_act_chunking.heads.make import make_action_head
+from lerobot_act_chunking.heads.spec import HeadSize
 from lerobot_act_chunking.nn.autoregressive import AutoregressiveDecoder
 from lerobot_act_chunking.nn.camera_summary import CameraSummaries
 from lerobot_act_chunking.nn.latents.latent import Latent
@@ -44,7 +45,7 @@ def build_network(config: ActChunkedConfig, backbone_weights: str | None) -> Act
         encoder=Encoder(spec, config.n_encoder_layers),
         decoder=_decoder(config, spec, n_queries, action_dim),
         head=make_action_head(
-            config.head_spec, config.dim_model, action_dim, n_queries, config.actions_per_query
+            config.head_spec, HeadSize(config.dim_model, action_dim, n_queries, config.actions_per_query)
         ),
     )
 

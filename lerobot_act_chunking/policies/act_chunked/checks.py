@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 from lerobot.configs import NormalizationMode
 
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.heads.make import check_head
+from lerobot_act_chunking.nn.latents.make import check_latent
 from lerobot_act_chunking.policies.field_checks import check_fields
 from lerobot_act_chunking.policies.multiples import check_divides, check_multiple
 
@@ -49,17 +51,18 @@ def _check_history(config: "ActChunkedConfig") -> None:
 
 
 def _check_likelihood(config: "ActChunkedConfig") -> None:
-    config.head_spec.check()
+    check_head(config.head_spec)
     mode = config.normalization_mapping["ACTION"]
-    if config.categorical and mode not in WITHIN_ONE:
+    if config.bounded and mode not in WITHIN_ONE:
         raise ConfigurationError(
-            f"action_likelihood=categorical has bins in [-1, 1], but actions are normalised by {mode.value}: "
-            "set the ACTION entry of normalization_mapping to MIN_MAX or QUANTILES"
+            f"action_likelihood={config.action_likelihood} predicts actions in [-1, 1], but actions are "
+            f"normalised by {mode.value}: set the ACTION entry of normalization_mapping to MIN_MAX or "
+            "QUANTILES"
         )
 
 
 def _check_latent(config: "ActChunkedConfig") -> None:
-    config.latent_spec.check()
+    check_latent(config.latent_spec)
     if config.vae_action_stride > config.chunk_size:
         raise ConfigurationError(
             f"vae_action_stride={config.vae_action_stride} averages more actions than the chunk has "

@@ -9,10 +9,13 @@ from lerobot.configs import PreTrainedConfig
 from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.settings import Mode
-from lerobot_act_chunking.heads.make import HeadSpec
-from lerobot_act_chunking.nn.latents.make import LatentSpec
+from lerobot_act_chunking.heads.make import HEADS
+from lerobot_act_chunking.heads.spec import HeadSpec
+from lerobot_act_chunking.nn.latents.make import LATENTS
+from lerobot_act_chunking.nn.latents.spec import COMPONENT_WEIGHTS, LatentSpec
 from lerobot_act_chunking.policies.act_chunked.checks import check
 from lerobot_act_chunking.policies.act_chunked.presets import FORMER_NAMES, preset_values
+from lerobot_act_chunking.policies.choices import one_of
 from lerobot_act_chunking.policies.chunked_config import PRESET, ChunkedConfig
 
 
@@ -129,7 +132,7 @@ class ActChunkedConfig(ChunkedConfig):
     n_decoder_layers: int = PRESET
     dropout: float = PRESET
 
-    action_likelihood: Literal["l1", "l2", "laplace", "gaussian", "gmm", "categorical"] = "l1"
+    action_likelihood: str = one_of(HEADS, "l1")
     nll_beta: float = 0.5
     min_std: float = 1e-2
     n_components: int = 5
@@ -141,11 +144,11 @@ class ActChunkedConfig(ChunkedConfig):
     pad_normalization: Literal["valid", "all"] = "valid"
 
     use_vae: bool = PRESET
-    latent_type: Literal["gaussian", "conditional", "mixture", "categorical"] = "gaussian"
+    latent_type: str = one_of(LATENTS, "gaussian")
     latent_dim: int = PRESET
     n_latent_components: int = 8
     latent_warmup_steps: int = 1000
-    prior_component_weights: Literal["empirical", "uniform"] = "empirical"
+    prior_component_weights: str = one_of(COMPONENT_WEIGHTS, "empirical")
     z_inference: Literal["mode", "sample"] = PRESET
     z_temperature: float = 1.0
     z_hold: Literal["chunk", "steps", "episode"] = "episode"
@@ -199,9 +202,9 @@ class ActChunkedConfig(ChunkedConfig):
         return LatentSpec.from_fields(self)
 
     @property
-    def categorical(self) -> bool:
-        """Whether actions are predicted as bins in [-1, 1]."""
-        return self.action_likelihood == "categorical"
+    def bounded(self) -> bool:
+        """Whether only actions in [-1, 1] are predicted."""
+        return HEADS[self.action_likelihood].is_bounded
 
     @property
     def is_stochastic(self) -> bool:

@@ -39,7 +39,7 @@ def _follow_given(config: "ActChunkedConfig", values: dict[str, Any]) -> dict[st
         values["dim_feedforward"] = 4 * (config.dim_model or values["dim_model"])
         chunk_size = config.chunk_size or values["chunk_size"]
         values["actions_per_query"] = _largest_divisor(chunk_size, values["actions_per_query"])
-    if config.categorical:
+    if config.bounded:
         values["normalization_mapping"]["ACTION"] = NormalizationMode.MIN_MAX
     return values
 

@@ -7,7 +7,8 @@ import torch
 from torch import nn
 
 from lerobot_act_chunking.diagnostics.latent.density import fit_density, with_density
-from lerobot_act_chunking.nn.latents.make import LatentSpec, make_latent
+from lerobot_act_chunking.nn.latents.make import make_latent
+from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
 
 SHARES, T, B, D = torch.tensor([0.8, 0.15, 0.05]), 10, 128, 4
 ANGLES = torch.arange(3) * 2 * math.pi / 3
@@ -37,7 +38,8 @@ class Cvae(nn.Module):
 def trained(beta, latent_type, **settings):
     torch.manual_seed(0)
     generator = torch.Generator().manual_seed(0)
-    model = Cvae(LatentSpec(latent_type, 2, latent_warmup_steps=200, **settings))
+    sizes = {"latent_dim": 2, "latent_warmup_steps": 200}
+    model = Cvae(ActChunkedConfig(device="cpu", latent_type=latent_type, **sizes, **settings).latent_spec)
     optimizer = torch.optim.Adam(model.parameters(), 3e-3)
     for _ in range(600):
         actions = demonstrations(B, generator)
