@@ -159,6 +159,9 @@ class ConditionTokens(nn.Module):
         cameras: tokens of the images, if there are any.
         dim: token width D.
         null_features: inputs that guidance may leave out.
+
+    Attributes:
+        dim: D.
     """
 
     def __init__(
@@ -170,6 +173,7 @@ class ConditionTokens(nn.Module):
         null_features: Sequence[str] = (),
     ):
         super().__init__()
+        self.dim = dim
         self.vectors = VectorTokens(vector_dims, dim) if vector_dims else None
         self.cameras = cameras
         self.null = NullFeatures(null_features, vector_dims, () if cameras is None else cameras.keys)

@@ -1,12 +1,16 @@
 """What the tests of all denoisers share."""
 
+from dataclasses import replace
+
 import torch
 from torch import Tensor, nn
 
 from lerobot_act_chunking.nn.condition import Condition
 from lerobot_act_chunking.nn.denoisers.denoiser import Denoiser
 from lerobot_act_chunking.nn.denoisers.dit import Dit
+from lerobot_act_chunking.nn.denoisers.make import DENOISERS, make_denoiser
 from lerobot_act_chunking.nn.denoisers.mixer import Mixer
+from lerobot_act_chunking.nn.denoisers.spec import DenoiserInputs, DenoiserSpec
 from lerobot_act_chunking.nn.denoisers.time import UnitTimeEmbedding
 from lerobot_act_chunking.nn.denoisers.unet1d import Unet1d
 
@@ -55,7 +59,25 @@ def unet1d(**changes) -> Unet1d:
     return Unet1d(**settings | changes)
 
 
-MAKERS = {"mixer": mixer, "dit": dit, "unet1d": unet1d}
+SPEC = DenoiserSpec(
+    denoiser="mixer",
+    horizon=T,
+    actions_per_token=PATCH,
+    dim_model=D,
+    n_layers=2,
+    n_heads=2,
+    dropout=0.0,
+    down_dims=(16, 24, 32),
+    kernel_size=5,
+    n_groups=8,
+    diffusion_step_embed_dim=D,
+    use_film_scale_modulation=True,
+)
+
+
+def small(name: str) -> Denoiser:
+    width = D if DENOISERS[name].reads_tokens else G
+    return make_denoiser(replace(SPEC, denoiser=name), DenoiserInputs(A, width, UnitTimeEmbedding))
 
 
 def shaken[ModuleT: nn.Module](module: ModuleT) -> ModuleT:
@@ -71,7 +93,7 @@ def draw(*shape: int, seed: int = 2) -> Tensor:
 
 
 def condition(batch_size: int = B, seed: int = 3) -> Condition:
-    """What any of the three can read."""
+    """What any of them can read."""
     return Condition(vector=draw(batch_size, G, seed=seed), tokens=draw(batch_size, N, D, seed=seed))
 
 

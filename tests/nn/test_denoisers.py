@@ -4,15 +4,16 @@ from dataclasses import replace
 
 import pytest
 import torch
-from denoiser_cases import MAKERS, A, B, T, answer, condition, draw, shaken
+from denoiser_cases import A, B, T, answer, condition, draw, shaken, small
 
 from lerobot_act_chunking.nn.condition import Condition
+from lerobot_act_chunking.nn.denoisers.make import DENOISERS
 
 
-@pytest.fixture(params=MAKERS)
+@pytest.fixture(params=DENOISERS)
 def denoiser(request):
     torch.manual_seed(0)
-    return shaken(MAKERS[request.param]())
+    return shaken(small(request.param))
 
 
 def test_answers_have_the_shape_of_the_actions(denoiser):

@@ -2,11 +2,13 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar
 
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from lerobot_act_chunking.nn.condition import Condition
+from lerobot_act_chunking.nn.denoisers.spec import DenoiserInputs, DenoiserSpec
 
 OUTPUT_STD = 1e-3
 """Of a new network's last weights: its answers are nearly zero, but its samples differ with their noise."""
@@ -39,12 +41,19 @@ class Denoiser(nn.Module, ABC):
     from the time (`modulate`, a table over all steps), so that neither is computed again in every step.
 
     Attributes:
-        patch_size: consecutive actions that make a token.
         per_token_time: whether each token may have a time of its own (prefix conditioning).
+        reads_tokens: whether it is conditioned on tokens, not on a vector.
+        patch_size: consecutive actions that make a token.
     """
 
+    per_token_time: ClassVar[bool] = False
+    reads_tokens: ClassVar[bool] = False
     patch_size: int = 1
-    per_token_time: bool = False
+
+    @classmethod
+    @abstractmethod
+    def from_spec(cls, spec: DenoiserSpec, inputs: DenoiserInputs) -> "Denoiser":
+        """A fresh denoiser with these settings."""
 
     @abstractmethod
     def observe(self, condition: Condition) -> Context:

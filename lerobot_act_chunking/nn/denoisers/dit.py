@@ -1,5 +1,7 @@
 """Diffusion transformer: action tokens that attend to each other and to what was observed."""
 
+from typing import ClassVar
+
 import torch
 import torch.nn.functional as F  # noqa: N812
 from jaxtyping import Float
@@ -9,6 +11,7 @@ from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.nn.condition import Condition
 from lerobot_act_chunking.nn.denoisers.denoiser import OUTPUT_STD, Context, Denoiser
 from lerobot_act_chunking.nn.denoisers.mixer import modulated
+from lerobot_act_chunking.nn.denoisers.spec import DenoiserInputs, DenoiserSpec
 from lerobot_act_chunking.nn.dropout import Dropout
 
 PARTS = 9  # shift, scale and gate of each of a block's three branches
@@ -35,7 +38,8 @@ class Dit(Denoiser):
         ConfigurationError: it does not.
     """
 
-    per_token_time = True
+    per_token_time: ClassVar[bool] = True
+    reads_tokens: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -71,6 +75,20 @@ class Dit(Denoiser):
         nn.init.normal_(self.contract.weight, std=OUTPUT_STD)
         nn.init.zeros_(self.observation_modulation.bias)
         nn.init.zeros_(self.contract.bias)
+
+    @classmethod
+    def from_spec(cls, spec: DenoiserSpec, inputs: DenoiserInputs) -> "Dit":
+        """A fresh denoiser with these settings."""
+        return cls(
+            action_dim=inputs.action_dim,
+            horizon=spec.horizon,
+            dim=spec.dim_model,
+            n_layers=spec.n_layers,
+            n_heads=spec.n_heads,
+            dropout=spec.dropout,
+            time_embedding=inputs.time_embedding(spec.dim_model),
+            patch_size=spec.actions_per_token,
+        )
 
     def observe(self, condition: Condition) -> Context:
         """Modulation from the mean observation token, and keys and values of all of them."""

@@ -1,5 +1,7 @@
 """MLP-Mixer over the actions of a chunk: matrix products only, the fastest on a CPU."""
 
+from typing import ClassVar
+
 import torch
 import torch.nn.functional as F  # noqa: N812
 from jaxtyping import Float
@@ -8,6 +10,7 @@ from torch import Tensor, nn
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.nn.condition import Condition
 from lerobot_act_chunking.nn.denoisers.denoiser import OUTPUT_STD, Context, Denoiser
+from lerobot_act_chunking.nn.denoisers.spec import DenoiserInputs, DenoiserSpec
 from lerobot_act_chunking.nn.dropout import Dropout
 
 PARTS = 6  # shift, scale and gate of each of a block's two branches
@@ -33,7 +36,7 @@ class Mixer(Denoiser):
         ConfigurationError: it does not.
     """
 
-    per_token_time = True
+    per_token_time: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -70,6 +73,20 @@ class Mixer(Denoiser):
         nn.init.normal_(self.contract.weight, std=OUTPUT_STD)
         nn.init.zeros_(self.observation_modulation.bias)
         nn.init.zeros_(self.contract.bias)
+
+    @classmethod
+    def from_spec(cls, spec: DenoiserSpec, inputs: DenoiserInputs) -> "Mixer":
+        """A fresh denoiser with these settings."""
+        return cls(
+            action_dim=inputs.action_dim,
+            horizon=spec.horizon,
+            condition_dim=inputs.condition_dim,
+            dim=spec.dim_model,
+            n_layers=spec.n_layers,
+            dropout=spec.dropout,
+            time_embedding=inputs.time_embedding(spec.dim_model),
+            patch_size=spec.actions_per_token,
+        )
 
     def observe(self, condition: Condition) -> Context:
         """The part of the condition vector."""

@@ -10,6 +10,7 @@ from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.nn.condition import Condition
 from lerobot_act_chunking.nn.denoisers.denoiser import Context, Denoiser
 from lerobot_act_chunking.nn.denoisers.short_conv import ShortConv1d
+from lerobot_act_chunking.nn.denoisers.spec import DenoiserInputs, DenoiserSpec
 
 SIZES = {"S": (64, 128, 256), "M": (128, 256, 512), "L": (256, 512, 1024), "XL": (512, 1024, 2048)}
 """Channels by name; XL is LeRobot's."""
@@ -66,6 +67,20 @@ class Unet1d(Denoiser):
         self.activation = nn.Mish()
         self.observation_film = nn.Linear(condition_dim, sum(self._widths))
         self.time_film = nn.Linear(time_dim, sum(self._widths), bias=False)
+
+    @classmethod
+    def from_spec(cls, spec: DenoiserSpec, inputs: DenoiserInputs) -> "Unet1d":
+        """A fresh denoiser with these settings."""
+        return cls(
+            action_dim=inputs.action_dim,
+            condition_dim=inputs.condition_dim,
+            time_embedding=inputs.time_embedding(spec.diffusion_step_embed_dim),
+            time_dim=spec.diffusion_step_embed_dim,
+            down_dims=spec.down_dims,
+            kernel_size=spec.kernel_size,
+            n_groups=spec.n_groups,
+            film_scale=spec.use_film_scale_modulation,
+        )
 
     @property
     def _levels(self) -> "list[Level]":

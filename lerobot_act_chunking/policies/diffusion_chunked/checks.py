@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 from lerobot_act_chunking.compat import check_rtc_mode
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.nn.denoisers.make import DENOISERS
 from lerobot_act_chunking.policies.field_checks import check_fields
 from lerobot_act_chunking.policies.multiples import check_divides, check_multiple
 
@@ -62,10 +63,14 @@ def _check_horizon(config: "DiffusionChunkedConfig") -> None:
 def _check_denoiser(config: "DiffusionChunkedConfig") -> None:
     if config.denoiser == "dit":
         check_divides(config, "dim_model", "n_heads", also=4)
-    if config.denoiser != "unet1d":
+    if config.denoiser == "unet1d":
+        _check_unet(config)
+    else:
         check_divides(config, "horizon", "actions_per_token")
         check_multiple(config, "dim_model", 4, "positions are sines and cosines of rows and columns")
-        return
+
+
+def _check_unet(config: "DiffusionChunkedConfig") -> None:
     n_halvings = len(config.down_dims) - 1
     if not 0 <= n_halvings <= MOST_HALVINGS:
         raise ConfigurationError(
@@ -115,10 +120,11 @@ def _check_warm_start(config: "DiffusionChunkedConfig") -> None:
             f"warm_start={start} changes how noise becomes actions, but objective=two_step uses none: "
             "set warm_start=none, or objective=flow"
         )
-    if (config.prefix_steps or start == "prefix") and config.denoiser == "unet1d":
+    if (config.prefix_steps or start == "prefix") and not DENOISERS[config.denoiser].per_token_time:
+        able = sorted(f"denoiser={name}" for name, kind in DENOISERS.items() if kind.per_token_time)
         raise ConfigurationError(
-            "prefix conditioning gives each token its own time, which unet1d cannot: "
-            "set denoiser=dit or denoiser=mixer"
+            f"prefix conditioning gives each token its own time, which {config.denoiser} cannot: "
+            f"set {' or '.join(able)}"
         )
     if start == "prefix" and settings.latency_steps > config.prefix_steps:
         raise ConfigurationError(

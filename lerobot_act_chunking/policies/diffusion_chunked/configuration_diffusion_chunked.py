@@ -10,7 +10,9 @@ from lerobot.policies.rtc.configuration_rtc import RTCConfig
 from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.errors import ConfigurationError, FeatureError
 from lerobot_act_chunking.execution.settings import Mode
+from lerobot_act_chunking.nn.denoisers.make import DENOISERS
 from lerobot_act_chunking.nn.denoisers.unet1d import SIZES
+from lerobot_act_chunking.policies.choices import one_of
 from lerobot_act_chunking.policies.chunked_config import PRESET, ChunkedConfig
 from lerobot_act_chunking.policies.diffusion_chunked.checks import check
 from lerobot_act_chunking.policies.diffusion_chunked.presets import preset_values
@@ -103,7 +105,7 @@ class DiffusionChunkedConfig(ChunkedConfig):
     preset: str = "base"
 
     objective: str = PRESET
-    denoiser: Literal["mixer", "dit", "unet1d"] = PRESET
+    denoiser: str = one_of(DENOISERS, PRESET)
     n_obs_steps: int = PRESET
     horizon: int = PRESET
     align: Literal["current", "first_obs"] = PRESET
@@ -125,7 +127,7 @@ class DiffusionChunkedConfig(ChunkedConfig):
 
     do_mask_loss_for_padding: bool = PRESET
 
-    unet_size: Literal["S", "M", "L", "XL"] = PRESET
+    unet_size: str = one_of(SIZES, PRESET)
     down_dims: tuple[int, ...] = PRESET
     kernel_size: int = 5
     n_groups: int = 8

@@ -4,10 +4,9 @@ from torch import nn
 
 from lerobot_act_chunking.nn.condition import CameraKeypoints, ConditionTokens, ConditionVector
 from lerobot_act_chunking.nn.denoisers.denoiser import Denoiser
-from lerobot_act_chunking.nn.denoisers.dit import Dit
-from lerobot_act_chunking.nn.denoisers.mixer import Mixer
+from lerobot_act_chunking.nn.denoisers.make import DENOISERS, make_denoiser
+from lerobot_act_chunking.nn.denoisers.spec import DenoiserInputs, DenoiserSpec
 from lerobot_act_chunking.nn.denoisers.time import StepEmbedding, UnitTimeEmbedding
-from lerobot_act_chunking.nn.denoisers.unet1d import Unet1d
 from lerobot_act_chunking.nn.observation import CameraTokens
 from lerobot_act_chunking.nn.vision import make_backbone
 from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked import (
@@ -37,7 +36,7 @@ def _condition(config: DiffusionChunkedConfig, weights: str | None) -> Condition
     backbone = (
         make_backbone(config.vision_backbone, config.backbone_norm, weights) if features.images else None
     )
-    if config.denoiser == "dit":
+    if DENOISERS[config.denoiser].reads_tokens:
         cameras = None if backbone is None else CameraTokens(features.images, config.dim_model, *backbone)
         return ConditionTokens(dims, config.n_obs_steps, cameras, config.dim_model, null_features=dropped)
     cameras = (
@@ -51,35 +50,6 @@ def _condition(config: DiffusionChunkedConfig, weights: str | None) -> Condition
 def _denoiser(config: DiffusionChunkedConfig, condition: ConditionVector | ConditionTokens) -> Denoiser:
     (action_dim,) = config.feature_spec.action
     embedding = StepEmbedding if config.objective == "ddpm" else UnitTimeEmbedding
-    if isinstance(condition, ConditionTokens):
-        return Dit(
-            action_dim=action_dim,
-            horizon=config.horizon,
-            patch_size=config.actions_per_token,
-            dim=config.dim_model,
-            n_layers=config.n_layers,
-            n_heads=config.n_heads,
-            dropout=config.dropout,
-            time_embedding=embedding(config.dim_model),
-        )
-    if config.denoiser == "mixer":
-        return Mixer(
-            action_dim=action_dim,
-            horizon=config.horizon,
-            patch_size=config.actions_per_token,
-            condition_dim=condition.dim,
-            dim=config.dim_model,
-            n_layers=config.n_layers,
-            dropout=config.dropout,
-            time_embedding=embedding(config.dim_model),
-        )
-    return Unet1d(
-        action_dim=action_dim,
-        condition_dim=condition.dim,
-        time_embedding=embedding(config.diffusion_step_embed_dim),
-        time_dim=config.diffusion_step_embed_dim,
-        down_dims=config.down_dims,
-        kernel_size=config.kernel_size,
-        n_groups=config.n_groups,
-        film_scale=config.use_film_scale_modulation,
+    return make_denoiser(
+        DenoiserSpec.from_fields(config), DenoiserInputs(action_dim, condition.dim, embedding)
     )
