@@ -10,6 +10,7 @@ from lerobot.configs import NormalizationMode
 from lerobot_act_chunking.data.actions import read_demonstrations
 from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.policies.vqbet_chunked.action_chunks import ActionChunks
+from lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked import VqbetChunkedConfig
 from lerobot_act_chunking.tokenizers.make import make_tokenizer
 from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
 
@@ -34,8 +35,9 @@ def main() -> None:
 
     for name, settings in TOKENIZERS.items():
         torch.manual_seed(0)
-        sizes = {"chunk_size": timing.chunk_size, "action_dim": len(chunks.names)}
-        tokenizer = make_tokenizer(TokenizerSpec(tokenizer=name, **sizes, **settings))
+        config = VqbetChunkedConfig(tokenizer=name, device="cpu", **settings)
+        spec = TokenizerSpec.from_fields(config, timing.chunk_size, action_dim=len(chunks.names))
+        tokenizer = make_tokenizer(spec)
         if tokenizer.is_learned:
             optimizer = torch.optim.AdamW(tokenizer.parameters(), lr=1e-3)
             for step in range(args.steps):

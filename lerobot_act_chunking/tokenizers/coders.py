@@ -1,38 +1,14 @@
 """From chunks to the vectors that are quantised, and back."""
 
+from collections.abc import Callable
+
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from lerobot_act_chunking.errors import unknown_choice
-from lerobot_act_chunking.tokenizers.spec import CODERS
+from lerobot_act_chunking.errors import look_up
 
 KERNEL = 5
 HALVINGS = 2
-
-
-def make_coders(
-    coder: str, chunk_size: int, action_dim: int, *, dim: int, hidden_dim: int
-) -> tuple[nn.Module, nn.Module]:
-    """An encoder (N, C, A) -> (N, D) and its decoder.
-
-    Args:
-        coder: ``mlp`` as in VQ-BeT (and LeRobot), or ``conv`` along the chunk.
-        chunk_size: C.
-        action_dim: A.
-        dim: D.
-        hidden_dim: hidden width.
-
-    Raises:
-        ConfigurationError: for another coder.
-    """
-    if coder == "mlp":
-        flat = chunk_size * action_dim
-        encoder = nn.Sequential(nn.Flatten(), _mlp(flat, hidden_dim, dim))
-        return encoder, nn.Sequential(_mlp(dim, hidden_dim, flat), nn.Unflatten(1, (chunk_size, action_dim)))
-    if coder == "conv":
-        sizes = (chunk_size, action_dim, dim, hidden_dim)
-        return ConvEncoder(*sizes), ConvDecoder(*sizes)
-    raise unknown_choice("coder", coder, CODERS)
 
 
 class ConvEncoder(nn.Module):
@@ -98,3 +74,39 @@ def _shortened(length: int) -> int:
     for _ in range(HALVINGS):
         length = -(-length // 2)
     return length
+
+
+def _mlp_coders(chunk_size: int, action_dim: int, dim: int, hidden_dim: int) -> tuple[nn.Module, nn.Module]:
+    flat = chunk_size * action_dim
+    encoder = nn.Sequential(nn.Flatten(), _mlp(flat, hidden_dim, dim))
+    return encoder, nn.Sequential(_mlp(dim, hidden_dim, flat), nn.Unflatten(1, (chunk_size, action_dim)))
+
+
+def _conv_coders(chunk_size: int, action_dim: int, dim: int, hidden_dim: int) -> tuple[nn.Module, nn.Module]:
+    sizes = (chunk_size, action_dim, dim, hidden_dim)
+    return ConvEncoder(*sizes), ConvDecoder(*sizes)
+
+
+CODERS: dict[str, Callable[[int, int, int, int], tuple[nn.Module, nn.Module]]] = {
+    "mlp": _mlp_coders,
+    "conv": _conv_coders,
+}
+"""The coders. What is listed here can be asked for as ``vqvae_coder``."""
+
+
+def make_coders(
+    coder: str, chunk_size: int, action_dim: int, *, dim: int, hidden_dim: int
+) -> tuple[nn.Module, nn.Module]:
+    """An encoder (N, C, A) -> (N, D) and its decoder.
+
+    Args:
+        coder: ``mlp`` as in VQ-BeT (and LeRobot), or ``conv`` along the chunk.
+        chunk_size: C.
+        action_dim: A.
+        dim: D.
+        hidden_dim: hidden width.
+
+    Raises:
+        ConfigurationError: for another coder.
+    """
+    return look_up("vqvae_coder", coder, CODERS)(chunk_size, action_dim, dim, hidden_dim)

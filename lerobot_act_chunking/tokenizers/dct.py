@@ -1,12 +1,15 @@
 """Low frequencies of a chunk in equal bins."""
 
 import math
+from typing import ClassVar
 
 import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
+from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.tokenizers.bins import from_bins, to_bins
+from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
 from lerobot_act_chunking.tokenizers.tokenizer import ActionTokenizer
 
 
@@ -25,8 +28,11 @@ class DctTokenizer(ActionTokenizer):
         n_coefficients: coefficients kept for each action dimension; the rest are taken for zero.
     """
 
-    coarse_to_fine = False
-    is_learned = False
+    settings: ClassVar[tuple[str, ...]] = ("n_bins", "dct_coefficients")
+    coarse_to_fine: ClassVar[bool] = False
+    is_learned: ClassVar[bool] = False
+    is_bounded: ClassVar[bool] = True
+    finer: ClassVar[str] = "more coefficients (--policy.dct_coefficients) or bins (--policy.n_bins)"
 
     def __init__(self, chunk_size: int, action_dim: int, n_bins: int, n_coefficients: int):
         super().__init__()
@@ -36,6 +42,25 @@ class DctTokenizer(ActionTokenizer):
         self.limit = math.sqrt(chunk_size)
         self.waves: Float[Tensor, "K C"]
         self.register_buffer("waves", cosines(chunk_size)[:n_coefficients].float(), persistent=False)
+
+    @classmethod
+    def from_spec(cls, spec: TokenizerSpec) -> "DctTokenizer":
+        """A fresh tokenizer with these settings."""
+        return cls(spec.chunk_size, spec.action_dim, spec.n_bins, spec.dct_coefficients)
+
+    @classmethod
+    def check(cls, spec: TokenizerSpec) -> None:
+        """Refuse fewer than two bins, and coefficients that a chunk does not have.
+
+        Raises:
+            ConfigurationError: naming the value.
+        """
+        spec.check_least(2, "n_bins")
+        if not 1 <= spec.dct_coefficients <= spec.chunk_size:
+            raise ConfigurationError(
+                f"dct_coefficients={spec.dct_coefficients} must be at least 1 and at most "
+                f"chunk_size={spec.chunk_size}: a chunk has no more"
+            )
 
     @torch.no_grad()
     def encode(self, actions: Float[Tensor, "N C A"]) -> Int64[Tensor, "N G"]:

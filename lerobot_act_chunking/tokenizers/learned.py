@@ -1,10 +1,15 @@
 """Chunks encoded, quantised and decoded by what is learned from them."""
 
+from typing import ClassVar
+
 import torch
 from jaxtyping import Bool, Float, Int64
 from torch import Tensor, nn
 
+from lerobot_act_chunking.errors import look_up
+from lerobot_act_chunking.tokenizers.coders import CODERS, make_coders
 from lerobot_act_chunking.tokenizers.quantizers import Quantizer
+from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
 from lerobot_act_chunking.tokenizers.tokenizer import ActionTokenizer, Reconstruction
 
 COMMITMENT = 5.0
@@ -14,13 +19,20 @@ MOST_PADDING = 0.5
 
 
 class LearnedTokenizer(ActionTokenizer):
-    """VQ-BeT's tokenizer (Lee et al. 2024, section 3.2): encoder, residual quantiser, decoder.
+    """Encoder, residual quantiser, decoder, as in VQ-BeT (Lee et al. 2024, section 3.2).
 
     Everything computes in single precision, also under autocast: a code must not depend on it.
     """
 
-    coarse_to_fine = True
-    is_learned = True
+    settings: ClassVar[tuple[str, ...]] = (
+        "vqvae_num_layers",
+        "vqvae_embedding_dim",
+        "vqvae_enc_hidden_dim",
+        "vqvae_coder",
+    )
+    coarse_to_fine: ClassVar[bool] = True
+    is_learned: ClassVar[bool] = True
+    is_bounded: ClassVar[bool] = False
 
     def __init__(self, encoder: nn.Module, decoder: nn.Module, quantizer: Quantizer):
         super().__init__()
@@ -29,6 +41,27 @@ class LearnedTokenizer(ActionTokenizer):
         self.quantizer = quantizer
         self.n_codes = quantizer.n_codes
         self.vocabulary = quantizer.vocabulary
+
+    @classmethod
+    def check(cls, spec: TokenizerSpec) -> None:
+        """Refuse an encoder and a decoder that cannot work.
+
+        Raises:
+            ConfigurationError: naming the value and the way out.
+        """
+        look_up("vqvae_coder", spec.vqvae_coder, CODERS)
+        spec.check_least(1, "vqvae_num_layers", "vqvae_embedding_dim", "vqvae_enc_hidden_dim")
+
+    @staticmethod
+    def coders(spec: TokenizerSpec) -> tuple[nn.Module, nn.Module]:
+        """A fresh encoder and its decoder."""
+        return make_coders(
+            spec.vqvae_coder,
+            spec.chunk_size,
+            spec.action_dim,
+            dim=spec.vqvae_embedding_dim,
+            hidden_dim=spec.vqvae_enc_hidden_dim,
+        )
 
     @torch.no_grad()
     def encode(self, actions: Float[Tensor, "N C A"]) -> Int64[Tensor, "N G"]:

@@ -1,12 +1,33 @@
 """From a `TokenizerSpec` to a tokenizer."""
 
-from lerobot_act_chunking.tokenizers.coders import make_coders
+from typing import Any
+
+from lerobot_act_chunking.errors import look_up
 from lerobot_act_chunking.tokenizers.dct import DctTokenizer
-from lerobot_act_chunking.tokenizers.learned import LearnedTokenizer
-from lerobot_act_chunking.tokenizers.quantizers import FiniteScalar, MovingCodebooks, Quantizer
+from lerobot_act_chunking.tokenizers.fsq import FsqTokenizer
+from lerobot_act_chunking.tokenizers.residual_vq import ResidualVqTokenizer
 from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
 from lerobot_act_chunking.tokenizers.tokenizer import ActionTokenizer
 from lerobot_act_chunking.tokenizers.uniform import UniformTokenizer
+
+TOKENIZERS: dict[str, type[ActionTokenizer]] = {
+    "residual_vq": ResidualVqTokenizer,
+    "fsq": FsqTokenizer,
+    "uniform": UniformTokenizer,
+    "dct": DctTokenizer,
+}
+"""The tokenizers. What is listed here can be asked for as ``tokenizer``."""
+
+
+def check_tokenizer(spec: TokenizerSpec) -> None:
+    """Refuse values that cannot work.
+
+    Raises:
+        ConfigurationError: naming the value and the way out.
+    """
+    tokenizer = look_up("tokenizer", spec.tokenizer, TOKENIZERS)
+    spec.check_least(1, "chunk_size", "action_dim")
+    tokenizer.check(spec)
 
 
 def make_tokenizer(spec: TokenizerSpec) -> ActionTokenizer:
@@ -15,31 +36,11 @@ def make_tokenizer(spec: TokenizerSpec) -> ActionTokenizer:
     Raises:
         ConfigurationError: naming a value that cannot work.
     """
-    spec.check()
-    if spec.tokenizer == "uniform":
-        return UniformTokenizer(spec.chunk_size, spec.action_dim, spec.n_bins)
-    if spec.tokenizer == "dct":
-        return DctTokenizer(spec.chunk_size, spec.action_dim, spec.n_bins, spec.dct_coefficients)
-    encoder, decoder = make_coders(
-        spec.vqvae_coder,
-        spec.chunk_size,
-        spec.action_dim,
-        dim=spec.vqvae_embedding_dim,
-        hidden_dim=spec.vqvae_enc_hidden_dim,
-    )
-    return LearnedTokenizer(encoder, decoder, _make_quantizer(spec))
+    check_tokenizer(spec)
+    return TOKENIZERS[spec.tokenizer].from_spec(spec)
 
 
-def _make_quantizer(spec: TokenizerSpec) -> Quantizer:
-    if spec.tokenizer == "fsq":
-        return FiniteScalar(spec.vqvae_embedding_dim, spec.vqvae_num_layers, spec.fsq_levels)
-    return MovingCodebooks(
-        spec.vqvae_embedding_dim,
-        spec.vqvae_num_layers,
-        spec.vqvae_n_embed,
-        decay=spec.vqvae_decay,
-        commitment_weight=spec.commitment_weight,
-        kmeans_iters=spec.kmeans_iters,
-        dead_code_threshold=spec.dead_code_threshold,
-        rotation_trick=spec.rotation_trick,
-    )
+def building_settings(spec: TokenizerSpec) -> dict[str, Any]:
+    """The settings that a trained tokenizer needs to be rebuilt; the others only say how it learned."""
+    names = ("tokenizer", "chunk_size", *TOKENIZERS[spec.tokenizer].settings)
+    return {name: getattr(spec, name) for name in names}

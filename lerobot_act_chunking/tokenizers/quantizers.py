@@ -13,7 +13,6 @@ from typing import Any
 import torch
 from jaxtyping import Bool, Float, Int64
 from torch import Tensor, nn
-from vector_quantize_pytorch import ResidualFSQ, ResidualVQ
 
 
 @dataclass(frozen=True)
@@ -91,6 +90,8 @@ class MovingCodebooks(Quantizer):
         self.n_codes = n_levels
         self.vocabulary = n_codes
         self.dead_code_threshold = dead_code_threshold
+        from vector_quantize_pytorch import ResidualVQ  # takes long: configurations import this module
+
         self.levels = ResidualVQ(
             dim=dim,
             num_quantizers=n_levels,
@@ -206,6 +207,8 @@ class FiniteScalar(Quantizer):
         super().__init__()
         self.n_codes = n_levels
         self.vocabulary = math.prod(values)
+        from vector_quantize_pytorch import ResidualFSQ
+
         with torch.device("cpu"):  # it computes while it is built, which the meta device cannot
             self.levels = ResidualFSQ(
                 levels=list(values),

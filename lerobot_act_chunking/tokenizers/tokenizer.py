@@ -2,10 +2,13 @@
 
 from abc import abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from jaxtyping import Bool, Float, Int64
 from torch import Tensor, nn
+
+from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
 
 
 @dataclass(frozen=True)
@@ -31,17 +34,37 @@ class ActionTokenizer(nn.Module):
     Encoding never changes a tokenizer, whatever its mode; only `learn` does, in training mode.
 
     Attributes:
-        n_codes: G, tokens per chunk.
-        vocabulary: M, values that each of them may have.
+        settings: those without which a trained one cannot be rebuilt, besides its sizes.
         coarse_to_fine: the first code says most and each further one refines those before, as in residual
             quantisation. Otherwise all codes count alike.
         is_learned: whether there is anything to train.
+        is_bounded: whether it only stands for actions in [-1, 1].
+        finer: what makes its codes tell more, as advice.
+        n_codes: G, tokens per chunk.
+        vocabulary: M, values that each of them may have.
     """
 
+    settings: ClassVar[tuple[str, ...]]
+    coarse_to_fine: ClassVar[bool]
+    is_learned: ClassVar[bool]
+    is_bounded: ClassVar[bool]
+    finer: ClassVar[str]
     n_codes: int
     vocabulary: int
-    coarse_to_fine: bool
-    is_learned: bool
+
+    @classmethod
+    @abstractmethod
+    def from_spec(cls, spec: TokenizerSpec) -> "ActionTokenizer":
+        """A fresh tokenizer with these settings."""
+
+    @classmethod
+    @abstractmethod
+    def check(cls, spec: TokenizerSpec) -> None:
+        """Refuse settings that cannot work.
+
+        Raises:
+            ConfigurationError: naming the value and the way out.
+        """
 
     @abstractmethod
     def encode(self, actions: Float[Tensor, "N C A"]) -> Int64[Tensor, "N G"]:

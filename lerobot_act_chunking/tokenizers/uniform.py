@@ -1,10 +1,13 @@
 """Every action of a chunk in one of equal bins."""
 
+from typing import ClassVar
+
 import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
 from lerobot_act_chunking.tokenizers.bins import from_bins, to_bins
+from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
 from lerobot_act_chunking.tokenizers.tokenizer import ActionTokenizer
 
 
@@ -19,14 +22,31 @@ class UniformTokenizer(ActionTokenizer):
         n_bins: M.
     """
 
-    coarse_to_fine = False
-    is_learned = False
+    settings: ClassVar[tuple[str, ...]] = ("n_bins",)
+    coarse_to_fine: ClassVar[bool] = False
+    is_learned: ClassVar[bool] = False
+    is_bounded: ClassVar[bool] = True
+    finer: ClassVar[str] = "more bins (--policy.n_bins)"
 
     def __init__(self, chunk_size: int, action_dim: int, n_bins: int):
         super().__init__()
         self.chunk = (chunk_size, action_dim)
         self.n_codes = chunk_size * action_dim
         self.vocabulary = n_bins
+
+    @classmethod
+    def from_spec(cls, spec: TokenizerSpec) -> "UniformTokenizer":
+        """A fresh tokenizer with these settings."""
+        return cls(spec.chunk_size, spec.action_dim, spec.n_bins)
+
+    @classmethod
+    def check(cls, spec: TokenizerSpec) -> None:
+        """Refuse fewer than two bins.
+
+        Raises:
+            ConfigurationError: naming the value.
+        """
+        spec.check_least(2, "n_bins")
 
     @torch.no_grad()
     def encode(self, actions: Float[Tensor, "N C A"]) -> Int64[Tensor, "N G"]:

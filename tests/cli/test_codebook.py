@@ -53,7 +53,8 @@ def dataset(tmp_path_factory):
 
 def write_tokenizer(path, dataset, **settings):
     """Bins of each action: nothing to train, nothing lost."""
-    spec = TokenizerSpec(tokenizer="uniform", chunk_size=C, action_dim=A, n_bins=64)
+    config = PreTrainedConfig.get_choice_class("vqbet_chunked")(device="cpu", tokenizer="uniform", n_bins=64)
+    spec = TokenizerSpec.from_fields(config, chunk_size=C, action_dim=A)
     bounds = {"min": [-1.0] * A, "max": [1.0] * A}
     info = TokenizerInfo(spec, 2, "MIN_MAX", 1e-2, bounds, dataset, 330, TokenizerTraining())
     save_tokenizer(path, make_tokenizer(spec), info)

@@ -2,7 +2,7 @@
 
 import torch
 
-from lerobot_act_chunking.tokenizers.make import make_tokenizer
+from lerobot_act_chunking.tokenizers.make import TOKENIZERS, make_tokenizer
 from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
 
 N, C, A, D, M, G = 33, 7, 3, 6, 5, 2
@@ -13,16 +13,21 @@ SMALL = {
     "vqvae_num_layers": G,
     "vqvae_embedding_dim": D,
     "vqvae_enc_hidden_dim": 16,
+    "vqvae_coder": "mlp",
+    "vqvae_decay": 0.99,
+    "commitment_weight": 0.25,
+    "kmeans_iters": 20,
+    "dead_code_threshold": 0.25,
+    "rotation_trick": True,
     "fsq_levels": (3, 4),
     "n_bins": 9,
     "dct_coefficients": 4,
 }
-ALL = ("residual_vq", "fsq", "uniform", "dct")
-LEARNED = ("residual_vq", "fsq")
+LEARNED = [name for name, kind in TOKENIZERS.items() if kind.is_learned]
 
 
 def spec(tokenizer="residual_vq", **overrides):
-    return TokenizerSpec(tokenizer, **{**SMALL, **overrides})
+    return TokenizerSpec(**{**SMALL, "tokenizer": tokenizer, **overrides})
 
 
 def small(tokenizer="residual_vq", seed=0, **overrides):

@@ -1,7 +1,6 @@
 """The answer in words: is the codebook in use, fine enough, and still that of the data?"""
 
 from collections.abc import Mapping
-from dataclasses import fields
 from typing import Any
 
 from lerobot_act_chunking.diagnostics.codebook.drift import Drift
@@ -10,7 +9,8 @@ from lerobot_act_chunking.diagnostics.codebook.settings import Thresholds
 from lerobot_act_chunking.diagnostics.codebook.subject import Subject
 from lerobot_act_chunking.diagnostics.codebook.usage import Usage
 from lerobot_act_chunking.diagnostics.core.report import Judgement
-from lerobot_act_chunking.tokenizers.spec import LEARNED, TokenizerSpec
+from lerobot_act_chunking.policies.vqbet_chunked.presets import preset_values
+from lerobot_act_chunking.tokenizers.make import TOKENIZERS
 
 FEWEST_CHUNKS = 256
 SEVERITY = ("pass", "warn", "fail")
@@ -60,7 +60,7 @@ def _graded(value: float, limits: tuple[float, float]) -> str | None:
 def _dead(settings: Mapping[str, Any], usage: Usage, thresholds: Thresholds) -> list[Finding]:
     """Codes that nobody uses; bins that are not learned may well be empty."""
     grade = _graded(usage.share_dead, thresholds.dead)
-    if grade is None or settings["tokenizer"] not in LEARNED:
+    if grade is None or not TOKENIZERS[settings["tokenizer"]].is_learned:
         return []
     level = max(range(len(usage.levels)), key=lambda i: len(usage.levels[i].dead))
     n_dead = len(usage.levels[level].dead)
@@ -77,7 +77,7 @@ def _revival(settings: Mapping[str, Any]) -> str:
     if settings["tokenizer"] == "fsq":
         return "take fewer values (smaller --policy.fsq_levels)"
     remedies = {"kmeans_iters": "place them by k-means", "dead_code_threshold": "revive them"}
-    usual = {field.name: field.default for field in fields(TokenizerSpec)}
+    usual = preset_values("base", tokenizer=settings["tokenizer"], pretrained=False)
     missing = [
         f"{remedy} (--policy.{name}={usual[name]})" for name, remedy in remedies.items() if not settings[name]
     ]
@@ -106,14 +106,9 @@ def _coarse(settings: Mapping[str, Any], losses: Losses, thresholds: Thresholds)
 
 
 def _finer(settings: Mapping[str, Any]) -> str:
-    more = {
-        "residual_vq": "more levels (--policy.vqvae_num_layers) or codes (--policy.vqvae_n_embed)",
-        "fsq": "more levels (--policy.vqvae_num_layers) or dimensions (--policy.fsq_levels)",
-        "uniform": "more bins (--policy.n_bins)",
-        "dct": "more coefficients (--policy.dct_coefficients) or bins (--policy.n_bins)",
-    }[settings["tokenizer"]]
-    training = ", longer training of the tokenizer" if settings["tokenizer"] in LEARNED else ""
-    return f"take {more}{training}, or shorter chunks"
+    kind = TOKENIZERS[settings["tokenizer"]]
+    training = ", longer training of the tokenizer" if kind.is_learned else ""
+    return f"take {kind.finer}{training}, or shorter chunks"
 
 
 def _drifted(drift: Drift, thresholds: Thresholds) -> list[Finding]:

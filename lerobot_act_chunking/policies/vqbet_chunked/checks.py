@@ -7,7 +7,7 @@ from lerobot.configs import NormalizationMode
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.policies.field_checks import check_fields
 from lerobot_act_chunking.policies.multiples import check_divides
-from lerobot_act_chunking.policies.vqbet_chunked.presets import BOUNDED
+from lerobot_act_chunking.tokenizers.make import TOKENIZERS, check_tokenizer
 from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
 
 if TYPE_CHECKING:
@@ -44,9 +44,10 @@ def _check_queries(config: "VqbetChunkedConfig") -> None:
 
 
 def _check_tokenizer(config: "VqbetChunkedConfig") -> None:
-    TokenizerSpec.from_fields(config, chunk_size=config.chunk_size, action_dim=1).check()
+    check_tokenizer(TokenizerSpec.from_fields(config, chunk_size=config.chunk_size, action_dim=1))
+    kind = TOKENIZERS[config.tokenizer]
     mode = config.normalization_mapping["ACTION"]
-    if config.tokenizer in BOUNDED and mode not in WITHIN_ONE:
+    if kind.is_bounded and mode not in WITHIN_ONE:
         raise ConfigurationError(
             f"tokenizer={config.tokenizer} has bins in [-1, 1], but actions are normalised by {mode.value}: "
             "set the ACTION entry of normalization_mapping to MIN_MAX or QUANTILES"
@@ -57,10 +58,11 @@ def _check_tokenizer(config: "VqbetChunkedConfig") -> None:
             f"tokenizer_training=joint would change the tokenizer of tokenizer_path={config.tokenizer_path}, "
             "which is frozen: leave one of them out"
         )
-    if joint and config.tokenizer in BOUNDED:
+    if joint and not kind.is_learned:
+        learned = (f"tokenizer={name}" for name, each in TOKENIZERS.items() if each.is_learned)
         raise ConfigurationError(
             f"tokenizer={config.tokenizer} has nothing to learn, but tokenizer_training is joint: set "
-            "tokenizer=residual_vq or tokenizer=fsq, or tokenizer_training=in_loop"
+            f"{' or '.join(learned)}, or tokenizer_training=in_loop"
         )
     if joint and config.use_ema:
         raise ConfigurationError(
@@ -70,7 +72,7 @@ def _check_tokenizer(config: "VqbetChunkedConfig") -> None:
 
 
 def _check_offsets(config: "VqbetChunkedConfig") -> None:
-    if config.offset_mode == "table" and config.tokenizer in BOUNDED:
+    if config.offset_mode == "table" and not TOKENIZERS[config.tokenizer].is_learned:
         raise ConfigurationError(
             f"offset_mode=table holds a whole chunk for every value of every code, far too many with "
             f"tokenizer={config.tokenizer}: set offset_mode=code_conditioned"

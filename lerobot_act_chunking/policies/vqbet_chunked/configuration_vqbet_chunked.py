@@ -12,6 +12,7 @@ from lerobot_act_chunking.data.fast_chunks.image_switch import ImageSwitch
 from lerobot_act_chunking.data.timing import ChunkTiming, QueryTiming
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.settings import Mode
+from lerobot_act_chunking.policies.choices import one_of
 from lerobot_act_chunking.policies.chunked_config import PRESET, ChunkedConfig
 from lerobot_act_chunking.policies.vqbet_chunked.checks import check
 from lerobot_act_chunking.policies.vqbet_chunked.presets import preset_values
@@ -20,6 +21,8 @@ from lerobot_act_chunking.policies.vqbet_chunked.schedule import (
     steps_left,
 )
 from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import TokenizerInfo, read_info
+from lerobot_act_chunking.tokenizers.coders import CODERS
+from lerobot_act_chunking.tokenizers.make import TOKENIZERS
 from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
 
 
@@ -94,7 +97,7 @@ class VqbetChunkedConfig(ChunkedConfig):
     n_action_pred_token: int = PRESET
     execution: Mode = PRESET
 
-    tokenizer: Literal["residual_vq", "fsq", "uniform", "dct"] = PRESET
+    tokenizer: str = one_of(TOKENIZERS, PRESET)
     tokenizer_path: str | None = None
     tokenizer_training: Literal["in_loop", "joint"] = "in_loop"
     n_vqvae_training_steps: int = PRESET
@@ -102,7 +105,7 @@ class VqbetChunkedConfig(ChunkedConfig):
     vqvae_num_layers: int = PRESET
     vqvae_embedding_dim: int = PRESET
     vqvae_enc_hidden_dim: int = PRESET
-    vqvae_coder: Literal["mlp", "conv"] = PRESET
+    vqvae_coder: str = one_of(CODERS, PRESET)
     vqvae_decay: float = PRESET
     commitment_weight: float = PRESET
     kmeans_iters: int = PRESET
@@ -201,7 +204,7 @@ class VqbetChunkedConfig(ChunkedConfig):
     @property
     def tokenizer_steps(self) -> int:
         """Optimiser steps of a fresh run that train the tokenizer alone."""
-        learned = self.tokenizer in ("residual_vq", "fsq") and self.tokenizer_path is None
+        learned = TOKENIZERS[self.tokenizer].is_learned and self.tokenizer_path is None
         return self.n_vqvae_training_steps if learned and self.tokenizer_training == "in_loop" else 0
 
     def get_scheduler_preset(self) -> LRSchedulerConfig | None:

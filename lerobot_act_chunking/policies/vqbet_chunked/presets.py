@@ -4,10 +4,10 @@ from typing import Any
 
 from lerobot.configs import NormalizationMode
 
-from lerobot_act_chunking.errors import unknown_choice
+from lerobot_act_chunking.errors import look_up, unknown_choice
+from lerobot_act_chunking.tokenizers.make import TOKENIZERS
 
 PRESETS = ("base", "paper")
-BOUNDED = ("uniform", "dct")  # tokenizers whose bins lie in [-1, 1]
 
 
 def preset_values(preset: str, *, tokenizer: str | None, pretrained: bool) -> dict[str, Any]:
@@ -19,12 +19,13 @@ def preset_values(preset: str, *, tokenizer: str | None, pretrained: bool) -> di
         pretrained: whether pretrained backbone weights were asked for.
 
     Raises:
-        ConfigurationError: for an unknown preset.
+        ConfigurationError: for an unknown preset or tokenizer.
     """
     if preset not in PRESETS:
         raise unknown_choice("preset", preset, PRESETS)
-    bounded = tokenizer in BOUNDED
-    return {"tokenizer": "residual_vq"} | (_paper() if preset == "paper" else _base(bounded, pretrained))
+    tokenizer = tokenizer or "residual_vq"
+    bounded = look_up("tokenizer", tokenizer, TOKENIZERS).is_bounded
+    return {"tokenizer": tokenizer} | (_paper() if preset == "paper" else _base(bounded, pretrained))
 
 
 def _base(bounded: bool, pretrained: bool) -> dict[str, Any]:

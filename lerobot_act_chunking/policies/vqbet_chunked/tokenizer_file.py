@@ -16,6 +16,7 @@ from torch import Tensor
 
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.policies.statistics import NEEDED, floored_statistics
+from lerobot_act_chunking.tokenizers.make import building_settings
 from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
 from lerobot_act_chunking.tokenizers.tokenizer import ActionTokenizer
 
@@ -87,7 +88,7 @@ class TokenizerInfo:
     def policy_fields(self) -> dict[str, Any]:
         """The fields of a policy's configuration that follow from the tokenizer, with their values."""
         sizes = {"chunk_stride": self.chunk_stride, "norm_std_floor": self.norm_std_floor}
-        return self.spec.building | sizes
+        return building_settings(self.spec) | sizes
 
     def to_json(self) -> str:
         """As text."""
@@ -173,7 +174,11 @@ def check_fits(info: TokenizerInfo, spec: TokenizerSpec, chunk_stride: int) -> N
     Raises:
         ConfigurationError: naming the field, both values and the way out.
     """
-    theirs = {**info.spec.building, "chunk_stride": info.chunk_stride, "action_dim": info.spec.action_dim}
+    theirs = {
+        **building_settings(info.spec),
+        "chunk_stride": info.chunk_stride,
+        "action_dim": info.spec.action_dim,
+    }
     ours = {"chunk_stride": chunk_stride, "action_dim": spec.action_dim}
     for name, value in theirs.items():
         own = ours.get(name, getattr(spec, name, None))

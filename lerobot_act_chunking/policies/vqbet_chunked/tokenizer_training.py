@@ -27,7 +27,7 @@ from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import (
     write_atomically,
 )
 from lerobot_act_chunking.tokenizers.learned import perplexity
-from lerobot_act_chunking.tokenizers.make import make_tokenizer
+from lerobot_act_chunking.tokenizers.make import TOKENIZERS, check_tokenizer, make_tokenizer
 from lerobot_act_chunking.tokenizers.quantizers import seeded
 from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
 from lerobot_act_chunking.tokenizers.tokenizer import ActionTokenizer
@@ -90,8 +90,8 @@ def plan_training(
     demonstrations = read_demonstrations(dataset)
     sizes = {"chunk_size": values["chunk_size"], "action_dim": len(demonstrations.names)}
     spec = TokenizerSpec.from_fields(SimpleNamespace(**values), **sizes)
-    spec.check()
-    if not spec.is_learned:
+    check_tokenizer(spec)
+    if not TOKENIZERS[spec.tokenizer].is_learned:
         raise ConfigurationError(
             f"tokenizer={spec.tokenizer} has nothing to learn: use it without a file, as "
             f"--policy.tokenizer={spec.tokenizer}"

@@ -8,6 +8,7 @@ from lerobot.configs import NormalizationMode
 from safetensors.torch import save_file
 
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked import VqbetChunkedConfig
 from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import (
     TokenizerInfo,
     TokenizerTraining,
@@ -20,7 +21,8 @@ from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import (
 from lerobot_act_chunking.tokenizers.make import make_tokenizer
 from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
 
-SPEC = TokenizerSpec("residual_vq", 5, 3, vqvae_n_embed=4, vqvae_embedding_dim=6, vqvae_enc_hidden_dim=8)
+SMALL = {"vqvae_n_embed": 4, "vqvae_embedding_dim": 6, "vqvae_enc_hidden_dim": 8}
+SPEC = TokenizerSpec.from_fields(VqbetChunkedConfig(device="cpu", **SMALL), chunk_size=5, action_dim=3)
 STATISTICS = {"mean": [0.0, 1.0, -2.0], "std": [1.0, 0.01, 0.3]}
 INFO = TokenizerInfo(
     spec=SPEC,

@@ -1,8 +1,10 @@
 """The tokenizers that are compared, in a few sizes each."""
 
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
+from lerobot_act_chunking.policies.vqbet_chunked.presets import preset_values
 from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
 
 # Sizes of each kind, from coarse to fine; a number of DCT coefficients is a share of the chunk.
@@ -55,8 +57,9 @@ class Candidate:
         return " ".join(f"--policy.{name}={value}".replace(", ", ",") for name, value in values.items())
 
     def spec(self, chunk_size: int, action_dim: int) -> TokenizerSpec:
-        """What it is built from."""
-        return TokenizerSpec(chunk_size=chunk_size, action_dim=action_dim, **self.settings)
+        """What it is built from; the other settings are those of preset ``base``."""
+        values = preset_values("base", tokenizer=self.kind, pretrained=False) | self.settings
+        return TokenizerSpec.from_fields(SimpleNamespace(**values), chunk_size, action_dim)
 
 
 def candidates_for(chunk_size: int) -> list[Candidate]:
