@@ -8,19 +8,24 @@ from policy_cases import CASES, ENVIRONMENT, STATE, TOP, WRAPPED, A, B, Case, hi
 from torch import nn
 
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.heads.make import HEADS
+from lerobot_act_chunking.nn.denoisers.make import DENOISERS
+from lerobot_act_chunking.nn.latents.make import LATENTS
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
     TemporalEnsembleConfig,
 )
 from lerobot_act_chunking.policies.temporal_ensemble.modeling_temporal_ensemble import TemporalEnsemblePolicy
+from lerobot_act_chunking.tokenizers.coders import CODERS
+from lerobot_act_chunking.tokenizers.make import TOKENIZERS
 
 ADAPTABLE = (nn.Linear, nn.Embedding, nn.Conv1d, nn.Conv2d, nn.Conv3d, nn.MultiheadAttention)  # by PEFT
 VAE = {"use_vae": True, "z_inference": "sample"}
 VARIANTS = {
     "act_chunked": [
         *({"decoder_type": kind} for kind in ("parallel", "autoregressive")),
-        *({"decoder_type": "autoregressive", "action_likelihood": kind} for kind in ("gmm", "categorical")),
-        *({"action_likelihood": kind} for kind in ("laplace", "gaussian")),
-        *({**VAE, "latent_type": kind} for kind in ("gaussian", "conditional", "categorical", "mixture")),
+        {"decoder_type": "autoregressive", "action_likelihood": "gmm"},
+        *({"action_likelihood": kind} for kind in HEADS),
+        *({**VAE, "latent_type": kind} for kind in LATENTS),
         *({"image_tokens": kind} for kind in ("cells", "summary")),
         {"n_obs_steps": 2, "use_velocity": True},
         {"pre_norm": True},
@@ -29,15 +34,15 @@ VARIANTS = {
     "diffusion_chunked": [
         *(
             {"denoiser": denoiser, "objective": objective}
-            for denoiser in ("mixer", "dit", "unet1d")
+            for denoiser in DENOISERS
             for objective in ("flow", "ddpm", "two_step")
         ),
         {"denoiser": "unet1d", "use_film_scale_modulation": False, "down_dims": (8, 16), "horizon": 6},
     ],
     "vqbet_chunked": [
-        *({"tokenizer": kind} for kind in ("residual_vq", "fsq", "uniform", "dct")),
+        *({"tokenizer": kind} for kind in TOKENIZERS),
         *({"offset_mode": kind} for kind in ("code_conditioned", "table")),
-        *({"vqvae_coder": kind} for kind in ("mlp", "conv")),
+        *({"vqvae_coder": kind} for kind in CODERS),
         {"sequentially_select": False},
     ],
 }

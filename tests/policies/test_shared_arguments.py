@@ -1,22 +1,14 @@
 """LeRobot's command line has one argument per field name, shared by every policy that is registered."""
 
 import typing
-from dataclasses import dataclass, fields
+from dataclasses import fields
 
 import draccus
 import pytest
+from command_line import Command
 from lerobot.configs import PreTrainedConfig
 
-import lerobot_act_chunking.plugin  # noqa: F401  (registers the policies)
-
 OURS = ("act_chunked", "vqbet_chunked", "diffusion_chunked", "temporal_ensemble")
-
-
-@dataclass
-class Command:
-    """What a command of LeRobot parses, as far as policies go."""
-
-    policy: PreTrainedConfig
 
 
 @pytest.fixture(scope="module")

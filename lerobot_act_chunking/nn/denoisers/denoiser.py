@@ -43,11 +43,14 @@ class Denoiser(nn.Module, ABC):
     Attributes:
         per_token_time: whether each token may have a time of its own (prefix conditioning).
         reads_tokens: whether it is conditioned on tokens, not on a vector.
+        adapted: pattern of the names of the layers that low-rank adapters change. The last layer is
+            ``contract``; it is trained whole.
         patch_size: consecutive actions that make a token.
     """
 
     per_token_time: ClassVar[bool] = False
     reads_tokens: ClassVar[bool] = False
+    adapted: ClassVar[str]
     patch_size: int = 1
 
     @classmethod

@@ -40,6 +40,7 @@ class Dit(Denoiser):
 
     per_token_time: ClassVar[bool] = True
     reads_tokens: ClassVar[bool] = True
+    adapted: ClassVar[str] = r"time_mlp\.[13]|\w+_modulation|blocks\.\d+\.(\w+_proj|mlp\.[03])"
 
     def __init__(
         self,

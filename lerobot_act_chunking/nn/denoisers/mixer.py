@@ -37,6 +37,7 @@ class Mixer(Denoiser):
     """
 
     per_token_time: ClassVar[bool] = True
+    adapted: ClassVar[str] = r"time_mlp\.[13]|\w+_modulation|blocks\.\d+\.(tokens|channels)\.[03]"
 
     def __init__(
         self,

@@ -1,6 +1,7 @@
 """Diffusion Policy's U-Net over time, with everything that does not change between steps computed once."""
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 import torch
 from jaxtyping import Float
@@ -34,6 +35,8 @@ class Unet1d(Denoiser):
         n_groups: of the group normalisation.
         film_scale: let FiLM scale, not only shift.
     """
+
+    adapted: ClassVar[str] = r"time_mlp\.[13]|\w+_film|((down|up)\.\d+|middle)\.\w+\.conv[12]\.0"
 
     def __init__(
         self,

@@ -11,6 +11,7 @@ from lerobot_act_chunking.data.batch import ActionTarget, Observation
 from lerobot_act_chunking.data.masking import hold_padding, per_sample_error
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.timeline import Environments
+from lerobot_act_chunking.nn.denoisers.make import DENOISERS
 from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.chunked_policy import Batch, ChunkedPolicy
 from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked import (
@@ -250,13 +251,7 @@ class DiffusionChunkedPolicy(ChunkedPolicy[DiffusionChunkedConfig, DiffusionNetw
 
     def _get_default_peft_targets(self) -> dict[str, Any]:
         """Adapt the denoiser's layers, and how time and observation modulate them; train its last one."""
-        layers = (
-            r"time_mlp\.[13]",
-            r"\w+_(modulation|film)",
-            r"blocks\.\d+\.(\w+_proj|(tokens|channels|mlp)\.[03])",  # mixer and dit
-            r"(down|up)\.\d+\.\w+\.conv[12]\.0|middle\.\w+\.conv[12]\.0",  # unet1d
-        )
         return {
-            "target_modules": rf"model\.denoiser\.({'|'.join(layers)})",
+            "target_modules": rf"model\.denoiser\.({DENOISERS[self.config.denoiser].adapted})",
             "modules_to_save": ["denoiser.contract"],
         }
