@@ -68,7 +68,7 @@ def test_known_values():
         "autoregressive": "0.0005",
     }
     assert dict(act["use_vae"].values) == {"base": "false", "paper": "true", "autoregressive": "true"}
-    assert act["action_likelihood"].allowed == "l1, l2, laplace, gaussian, gmm, categorical"
+    assert act["latent_type"].allowed.startswith("gaussian, conditional, mixture, categorical")
     assert act["min_std"].allowed == "number, above 0 to below 1"
     assert act["fps"].allowed == "number, above 0 to 100000, or null"
     assert act["optimizer_betas"].values["base"] == "[0.9, 0.95]"
