@@ -12,7 +12,7 @@ from lerobot_act_chunking.execution.settings import Mode
 from lerobot_act_chunking.heads.make import HeadSpec
 from lerobot_act_chunking.nn.latents.make import LatentSpec
 from lerobot_act_chunking.policies.act_chunked.checks import check
-from lerobot_act_chunking.policies.act_chunked.presets import FORMER_NAMES, preset_values
+from lerobot_act_chunking.policies.act_chunked.presets import FORMER_NAMES, PRESETS, preset_values
 from lerobot_act_chunking.policies.chunked_config import PRESET, ChunkedConfig
 
 
@@ -102,6 +102,7 @@ class ActChunkedConfig(ChunkedConfig):
 
     choices = {"feedforward_activation": ("relu", "gelu")}  # noqa: RUF012  (ClassVar in the base)
 
+    presets = PRESETS
     preset: str = "base"
     execution: Mode = PRESET
 

@@ -14,7 +14,7 @@ from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.settings import Mode
 from lerobot_act_chunking.policies.chunked_config import PRESET, ChunkedConfig
 from lerobot_act_chunking.policies.vqbet_chunked.checks import check
-from lerobot_act_chunking.policies.vqbet_chunked.presets import preset_values
+from lerobot_act_chunking.policies.vqbet_chunked.presets import PRESETS, preset_values
 from lerobot_act_chunking.policies.vqbet_chunked.schedule import (
     TokenizerThenPolicySchedulerConfig,
     steps_left,
@@ -87,6 +87,7 @@ class VqbetChunkedConfig(ChunkedConfig):
         ConfigurationError: on construction, naming the setting that cannot work.
     """
 
+    presets = PRESETS
     preset: str = "base"
 
     n_obs_steps: int = PRESET
