@@ -56,6 +56,7 @@ CASES = [
     Case("autoregressive", "act_chunked", STATE | TOP, AUTOREGRESSIVE),
 ]
 
+DETERMINISTIC = {"use_vae": False}
 DRAWING = {"z_inference": "sample", "use_vae": True}
 SAMPLING = [
     Case("sampled", "act_chunked", STATE, DRAWING),
@@ -90,6 +91,14 @@ CHOICES = [("act_chunked", "feedforward_activation", "gelu")]  # of fields that 
 TRAINED = (
     "--policy.dim_model=16 --policy.n_heads=2 --policy.chunk_size=5 --policy.use_ema=true --policy.dropout=0"
 )
+SHORT = {  # short chunks, to be evaluated
+    "chunk_size": 12,
+    "dim_model": 16,
+    "n_heads": 2,
+    "dim_feedforward": 24,
+    "n_encoder_layers": 1,
+    "use_vae": False,
+}
 
 TINY = {  # for random configurations
     "chunk_size": 6,

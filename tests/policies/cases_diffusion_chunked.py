@@ -49,6 +49,8 @@ CASES = [
     Case("goal", "diffusion_chunked", STATE | ENVIRONMENT, {"denoiser": "dit"} | GUIDED),
     Case("prefix", "diffusion_chunked", STATE, {"actions_per_token": 1, "prefix_steps": 2}),
 ]
+DETERMINISTIC = {"objective": "two_step"}
+DRAWING = {"objective": "flow"}
 SAMPLING = [
     *(case for case in CASES if case.name != "two-step"),  # it draws nothing
     Case("noise_hold", "diffusion_chunked", STATE, {"warm_start": "noise_hold"}),
@@ -78,6 +80,13 @@ _ADAPTED = (
 ADAPTED = [Case(str(each), "diffusion_chunked", STATE | ENVIRONMENT | TOP, each) for each in _ADAPTED]
 CHOICES = [("diffusion_chunked", "objective", "two_step")]  # of fields that LeRobot's policies have, too
 TRAINED = "--policy.dim_model=16 --policy.n_layers=1 --policy.horizon=5"
+SHORT = {"horizon": 4, "chunk_stride": 4, "dim_model": 16, "n_layers": 1}  # short chunks, to be evaluated
+EVALUATED = [  # with these settings on the command line
+    ("diffusion_chunked", "--policy.warm_start=rtc --policy.rtc_vjp=exact --policy.latency_steps=2"),
+    ("diffusion_chunked", "--policy.warm_start=sdedit --policy.execution=receding"),
+    ("diffusion_chunked", "--policy.warm_start=noise_hold"),
+    ("diffusion_chunked", "--policy.execution=coherence --policy.sampler=heun"),
+]
 
 TINY = {  # for random configurations
     "horizon": 6,

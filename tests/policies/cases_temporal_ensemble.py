@@ -39,6 +39,6 @@ class WrappedCase(Case):
 
 
 WRAPPED = [WrappedCase("vectors", "temporal_ensemble", STATE | VELOCITY | ENVIRONMENT, {"use_ema": True})]
-_DRAWING = import_module(f"cases_{INNER}").SAMPLING[0]
-SAMPLING = [WrappedCase("sampled", "temporal_ensemble", STATE, _DRAWING.settings)]
+_DRAWING = import_module(f"cases_{INNER}").DRAWING
+SAMPLING = [WrappedCase("sampled", "temporal_ensemble", STATE, _DRAWING)]
 NEEDED = {"inner": {"type": INNER, **KINDS[INNER].sizes}}  # no configuration without

@@ -51,6 +51,8 @@ CASES = [
     Case("paper", "vqbet_chunked", STATE | TOP, {"preset": "paper"} | LEROBOT_AT_T),
     Case("sampled", "vqbet_chunked", STATE, {"offset_target": "sampled", "code_hold": "episode"}),
 ]
+DETERMINISTIC = {"bet_softmax_temperature": 0.0}
+DRAWING = {"bet_softmax_temperature": 1.0}
 SAMPLING = [
     Case("state", "vqbet_chunked", STATE, {"top_p": 1.0}),
     Case("held codes", "vqbet_chunked", STATE, {"top_p": 1.0, "code_hold": "episode"}),
@@ -76,6 +78,18 @@ TRAINED = (
     "--policy.gpt_hidden_dim=16 --policy.gpt_n_layer=1 --policy.chunk_size=5 --policy.vqvae_n_embed=3 "
     "--policy.n_vqvae_training_steps=3 --policy.offset_target=sampled"
 )
+SHORT = {  # short chunks, to be evaluated
+    "chunk_size": 4,
+    "chunk_stride": 4,
+    "gpt_hidden_dim": 16,
+    "gpt_n_layer": 1,
+    "tokenizer": "fsq",
+}
+EVALUATED = [  # with these settings on the command line
+    ("vqbet_chunked", "--policy.bet_softmax_temperature=0 --policy.execution=receding"),
+    ("vqbet_chunked", "--policy.code_hold=episode --policy.top_p=0.5"),
+    ("vqbet_chunked", "--policy.execution=coherence --policy.noise_seed=3"),
+]
 
 TINY = {  # for random configurations
     "chunk_size": 6,
