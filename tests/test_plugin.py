@@ -5,18 +5,19 @@ import subprocess
 import sys
 
 import gymnasium as gym
+from policy_cases import MODULES
 
 
 def test_lerobot_discovers_the_installed_distribution_from_another_directory(tmp_path):
-    code = """
+    code = f"""
 from lerobot.configs import PreTrainedConfig
 from lerobot.datasets import factory
 from lerobot.envs.configs import EnvConfig
 from lerobot.utils.import_utils import register_third_party_plugins
 
 register_third_party_plugins()
-print(sorted({"act_chunked"} & set(PreTrainedConfig.get_known_choices())))
-print(sorted({"aloha_sim"} & set(EnvConfig.get_known_choices())))
+print(sorted({set(MODULES)} & set(PreTrainedConfig.get_known_choices())))
+print(sorted({{"aloha_sim"}} & set(EnvConfig.get_known_choices())))
 print(factory.LeRobotDataset.__name__)
 """
     done = subprocess.run(
@@ -26,7 +27,7 @@ print(factory.LeRobotDataset.__name__)
         text=True,
         check=True,
     )
-    assert done.stdout.splitlines() == ["['act_chunked']", "['aloha_sim']", "FastChunkDataset"]
+    assert done.stdout.splitlines() == [str(sorted(MODULES)), "['aloha_sim']", "FastChunkDataset"]
 
 
 def test_the_distribution_name_is_the_one_lerobot_looks_for():

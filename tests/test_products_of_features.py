@@ -1,22 +1,14 @@
 """What only two features together bring out, and random streams that must not be one another's."""
 
-import os
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 
-from lerobot_act_chunking.cli.quickstart import QuickstartPlan
 from lerobot_act_chunking.data.masking import hold_padding
-from lerobot_act_chunking.diagnostics.latent.encoding import Encoded
-from lerobot_act_chunking.diagnostics.latent.figures import share_outside
-from lerobot_act_chunking.diagnostics.steps.statistics import spread
 from lerobot_act_chunking.envs.robotics.env import RoboticsEnv
-from lerobot_act_chunking.policies.act_chunked.draws import ActingDraws
 from lerobot_act_chunking.policies.batch_seeds import BatchSeeds
-from lerobot_act_chunking.policies.diffusion_chunked.plan import Plan
-from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import write_atomically
 from lerobot_act_chunking.recording.simulated import noise_stream
 from lerobot_act_chunking.sampling.solvers import LinearSampler, Step
 
@@ -55,28 +47,8 @@ def test_a_success_does_not_outlive_its_episode():
     assert terminated == [True, False, False]
 
 
-def test_the_first_prediction_behind_the_delay_is_not_frozen():
-    steps = torch.arange(14.0).reshape(2, 7, 1)
-    plan = Plan.from_steps(steps, torch.ones(1, 7, dtype=torch.bool), horizon=5, chunk_stride=1, delay=2)
-    assert plan.frozen.tolist() == [[True, True, False, False, False]] * 2
-
-
 def correlation(one, other):
     return abs(np.corrcoef(np.ravel(one), np.ravel(other))[0, 1])
-
-
-def test_choices_do_not_follow_the_latents():
-    """Uniforms and normals of one stream are functions of the same bits."""
-    source = ActingDraws(3, n_noise=NUMBERS, draws_shape=(NUMBERS,), hold_steps=0)
-    latent, actions = source.draw(1)
-    generator = torch.Generator()
-    (own,) = source._latents.source.generators(1, [0])
-    generator.manual_seed(own.initial_seed())
-    generator_of_choices = source._choices.source.generators(1, [0])[0]
-    assert generator_of_choices.initial_seed() != own.initial_seed()
-    same_stream = torch.rand(NUMBERS, generator=generator)
-    assert correlation(actions, same_stream) < 0.1
-    assert correlation(actions, latent) < 0.1
 
 
 def test_the_expert_does_not_draw_the_environments_numbers():
@@ -103,54 +75,3 @@ def test_ranks_of_a_distributed_run_draw_apart(monkeypatch):
         seeds[rank] = [source.next_seed() for _ in range(3)]
     drawn = [seed for each in seeds.values() for seed in each]
     assert len(set(drawn)) == len(drawn)
-
-
-def test_a_tokenizer_file_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch):
-    path = tmp_path / "tokenizer.safetensors"
-    write_atomically(path, b"the old one")
-    in_place = []
-
-    def crash(_):
-        in_place.append(path.read_bytes())
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(os, "fsync", crash)
-    with pytest.raises(KeyboardInterrupt):
-        write_atomically(path, b"the new one")
-    assert in_place == [b"the old one"]
-    assert path.read_bytes() == b"the old one"
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_styles_are_far_in_units_of_each_dimension():
-    """What is outside does not change with the units of a dimension."""
-    rng = np.random.default_rng(0)
-    z, drawn = rng.normal(size=(600, 2)), rng.normal(size=(400, 2))
-    drawn[:100, 1] += 8  # outside, in the dimension that the second case shrinks
-    episode = np.arange(600) // 60
-    shares = []
-    for units in ([1.0, 1.0], [50.0, 0.5]):
-        mean = z * units
-        encoded = Encoded(mean=mean, divergence=np.ones((600, 2)), z=mean, prior=mean, mode=0 * mean)
-        shares.append(share_outside(drawn * units, encoded, episode))
-    assert shares[0] == pytest.approx(shares[1])
-    assert shares[0] == pytest.approx(0.25, abs=0.05)
-
-
-def test_the_spread_of_few_samples_is_unbiased():
-    """Two samples at -1 and 1 come from a variance of 2, as the mean of many such pairs has it."""
-    pair = np.array([-1.0, 1.0]).reshape(2, 1, 1, 1)
-    assert spread(pair)[0] == pytest.approx(np.sqrt(2))
-    modes = np.concatenate((pair, pair + 50))
-    assert spread(modes, np.array([0, 0, 1, 1]))[0] == pytest.approx(np.sqrt(2))
-
-
-def test_trained_means_pushed(tmp_path, monkeypatch):
-    monkeypatch.setenv("LEROBOT_LOCAL_HUB", str(tmp_path / "hub"))
-    story = QuickstartPlan(tmp_path, steps=3)
-    (story.train / "checkpoints" / "000003").mkdir(parents=True)
-    assert not story.trained()
-    main = story.hub / f"models--{story.policy_repo_id.replace('/', '--')}" / "refs" / "main"
-    main.parent.mkdir(parents=True)
-    main.write_text("0" * 40)
-    assert story.trained()

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 def settings_command(
     policy_type: Annotated[
-        str, typer.Argument(help="act_chunked, diffusion_chunked, vqbet_chunked or temporal_ensemble.")
+        str, typer.Argument(help="A policy type of this package; an unknown one is answered with all.")
     ],
     preset: Annotated[
         str | None, typer.Option(help="Show this preset alone. \\[default: all that the type has]")

@@ -68,6 +68,8 @@ class ChunkedConfig(DatasetReading, ExecutionFields, GivenSettings, ChecksPush):
     # Choices of fields that LeRobot's policies have, too: its command line has one argument for all fields of
     # a name, so that a Literal or `one_of` here would refuse what another policy takes.
     choices: ClassVar[dict[str, tuple[str, ...]]] = {}
+    # The names that ``preset`` may have; the settings' reference shows a column for each.
+    presets: ClassVar[tuple[str, ...]]
 
     state_keys: list[str] | None = None
 

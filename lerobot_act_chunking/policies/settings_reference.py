@@ -11,35 +11,18 @@ from enum import Enum
 from typing import Any, Literal, get_args, get_origin
 
 from lerobot.configs import PreTrainedConfig
+from lerobot.utils.import_utils import register_third_party_plugins
 
 from lerobot_act_chunking.errors import unknown_choice
 from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.heads.spec import HeadSpec
-from lerobot_act_chunking.policies.act_chunked import presets as act_presets
-from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
 from lerobot_act_chunking.policies.choices import choices_of
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
-from lerobot_act_chunking.policies.diffusion_chunked import presets as diffusion_presets
-from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked import (
-    DiffusionChunkedConfig,
-)
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields
 from lerobot_act_chunking.policies.field_checks import own_fields
 from lerobot_act_chunking.policies.ranges import RANGES, Range
-from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
-    TemporalEnsembleConfig,
-)
-from lerobot_act_chunking.policies.vqbet_chunked import presets as vqbet_presets
-from lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked import VqbetChunkedConfig
 
-POLICIES: Mapping[str, tuple[type[PreTrainedConfig], tuple[str, ...]]] = {
-    "act_chunked": (ActChunkedConfig, act_presets.PRESETS),
-    "diffusion_chunked": (DiffusionChunkedConfig, diffusion_presets.PRESETS),
-    "vqbet_chunked": (VqbetChunkedConfig, vqbet_presets.PRESETS),
-    "temporal_ensemble": (TemporalEnsembleConfig, ()),
-}
-"""Configuration and presets of every policy type of this package."""
-
+PACKAGE = "lerobot_act_chunking."
 GROUPS = ("this policy", "all policies of this package", "chunk execution")
 NOTHING = "null"
 _PARTS = (ExecutionSettings, HeadSpec)  # what docstrings refer to by "see `HeadSpec`"
@@ -66,19 +49,28 @@ class Setting:
     values: Mapping[str, str]
 
 
+def policy_types() -> dict[str, type[PreTrainedConfig]]:
+    """The configuration class of every policy type of this package that LeRobot knows."""
+    register_third_party_plugins()
+    known = PreTrainedConfig.get_known_choices()
+    return {name: each for name, each in known.items() if each.__module__.startswith(PACKAGE)}
+
+
 def settings_of(policy_type: str, preset: str | None = None) -> list[Setting]:
     """The settings of a policy type in the order of `GROUPS`, in each of them as they are declared.
 
     Args:
-        policy_type: one of `POLICIES`.
+        policy_type: one of `policy_types`.
         preset: only its values; by default those of all presets.
 
     Raises:
         ConfigurationError: an unknown type or preset.
     """
-    if policy_type not in POLICIES:
-        raise unknown_choice("policy type", policy_type, POLICIES)
-    config_class, presets = POLICIES[policy_type]
+    types = policy_types()
+    if policy_type not in types:
+        raise unknown_choice("policy type", policy_type, types)
+    config_class = types[policy_type]
+    presets = _presets(config_class)
     if preset is not None and preset not in presets:
         raise unknown_choice(f"preset of {policy_type}", preset, presets or ("none, it has no presets",))
     columns = _values(config_class, presets if preset is None else (preset,))
@@ -94,6 +86,10 @@ def settings_of(policy_type: str, preset: str | None = None) -> list[Setting]:
         for name, hint, optional in own_fields(config_class)
     ]
     return sorted(settings, key=lambda each: (GROUPS.index(each.group), each.name != "preset"))
+
+
+def _presets(config_class: type) -> tuple[str, ...]:
+    return getattr(config_class, "presets", ())
 
 
 def _group(config_class: type, name: str) -> str:
@@ -155,7 +151,7 @@ def _allowed(config_class: type, name: str, hint: Any, nullable: bool) -> str:
     choices = choices_of(config_class).get(name)
     choices = choices or (get_args(hint) if get_origin(hint) is Literal else None)
     if name == "preset":
-        choices = next(presets for each, presets in POLICIES.values() if each is config_class)
+        choices = _presets(config_class)
     if choices:
         allowed = ", ".join(map(str, choices))
     elif name in RANGES:
@@ -183,7 +179,7 @@ def _meanings(config_class: type) -> dict[str, str]:
     """What the docstrings of a configuration and of its bases say of each field; the nearest counts."""
     found: dict[str, str] = {}
     for each in (*config_class.__mro__, *_PARTS):
-        if each.__module__.startswith("lerobot_act_chunking"):
+        if each.__module__.startswith(PACKAGE):
             for name, text in _entries(each).items():
                 if not text.startswith("see `"):
                     found.setdefault(name, text)

@@ -3,12 +3,8 @@
 import logging
 from typing import Any
 
-from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
-from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
-    TemporalEnsembleConfig,
-)
 
 logger = logging.getLogger(__name__)
 
@@ -39,49 +35,23 @@ def fit_to_episodes(config: ChunkedConfig, longest_episode: int, *, weights_foll
     logger.warning("%s", "; ".join(parts))
 
 
-def limit_execution(config: TemporalEnsembleConfig, longest_episode: int) -> None:
-    """The same for a wrapper around a policy of any type that is trained from its beginnings."""
-    inner, chunk_size = config.inner_config, config.chunk_size
-    timing = inner.timing if isinstance(inner, ChunkedConfig) else ChunkTiming(1, chunk_size)
-    taught = timing.taught_steps(longest_episode)
-    used = config.n_action_steps or chunk_size
-    if used <= taught:
-        return
-    try:
-        config.resolve_execution(chunk_size, taught)
-        works = True
-    except ConfigurationError:
-        works = False
-    if works and config.n_action_steps is None:
-        config.n_action_steps = taught
-        what = _limited(taught)
-    else:
-        what = _kept(used, taught, "although nothing taught them", works=works)
-    logger.warning(
-        "temporal_ensemble: the inner %s predicts %d steps, more than the dataset's longest episode has "
-        "(%d steps); %s",
-        inner.type,
-        chunk_size,
-        longest_episode,
-        what,
-    )
-
-
 def _limit(config: ChunkedConfig, taught: int, weights_follow: bool) -> str:
     """Limit ``n_action_steps`` if that is possible without changing what was given; says what was done."""
     limited = _variant(config, n_action_steps=taught)
     if limited is not None and config.given("n_action_steps") is None:
         config.n_action_steps, config.execution = taught, limited.execution
-        return _limited(taught)
+        return limit_text(taught)
     source = "as the checkpoint learned them" if weights_follow else "although nothing taught them"
-    return _kept(config.n_action_steps, taught, source, works=limited is not None)
+    return kept_text(config.n_action_steps, taught, source, works=limited is not None)
 
 
-def _limited(taught: int) -> str:
+def limit_text(taught: int) -> str:
+    """Says that nothing more is executed than episodes teach."""
     return f"n_action_steps={taught}, so that nothing is executed that was not learned"
 
 
-def _kept(used: int, taught: int, source: str, *, works: bool) -> str:
+def kept_text(used: int, taught: int, source: str, *, works: bool) -> str:
+    """Says that more is executed, what it comes from, and the way out if there is one."""
     way_out = f" (--policy.n_action_steps={taught} leaves them out)" if works else ""
     return f"n_action_steps={used} executes steps from {taught} on, {source}{way_out}"
 

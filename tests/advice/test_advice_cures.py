@@ -6,74 +6,15 @@ from typing import Any, get_args, get_type_hints
 import pytest
 import yaml
 from lerobot.configs import PreTrainedConfig
+from policy_cases import of_every_type
 
-import lerobot_act_chunking.policies.act_chunked.configuration_act_chunked
-import lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked
-import lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked  # noqa: F401  (register)
 from lerobot_act_chunking.errors import ConfigurationError
 
 OPTION = r"(?:--policy\.)?([a-z_]+)=([\w.-]+\w|\w)"
 Settings = dict[str, Any]
 
-ACT, DIFFUSION, VQBET = "act_chunked", "diffusion_chunked", "vqbet_chunked"
-COHERENCE = {"execution": "coherence"}
-SAMPLED = {"use_vae": True, "z_inference": "sample"}
 # What provokes an error whose text names the way out; the rest of the test is mechanical.
-PROVOKED: list[tuple[str, Settings]] = [
-    (ACT, {"n_action_steps": 1, "execution": "ensemble"}),
-    (DIFFUSION, {"n_action_steps": 1, "execution": "crossfade"}),
-    (VQBET, {"n_action_steps": 1, "execution": "receding"}),
-    (ACT, {"temporal_ensemble_coeff": 0.1, "execution": "receding"}),
-    (ACT, {"ensemble_weighting": "recency"}),
-    (DIFFUSION, {"crossfade_steps": 3, "execution": "open_loop"}),
-    (VQBET, {"adaptive_scale": 2.0}),
-    (VQBET, {"adaptive_kernel": "gate"}),
-    (DIFFUSION, {"n_samples": 4}),
-    (ACT, {"temporal_ensemble_coeff": -0.1, "execution": "ensemble"}),
-    (ACT, {"temporal_ensemble_coeff": 0.1, "ensemble_weighting": "uniform", "execution": "ensemble"}),
-    (ACT, {"execution": "open_loop", "replan_interval": 20}),
-    (VQBET, {"execution": "open_loop", "latency_steps": 3}),
-    (DIFFUSION, {"execution": "ensemble", "replan_interval": 100}),
-    (ACT, {"image_tokens": "summary", "n_obs_steps": 2}),
-    (ACT, {"use_velocity": True}),
-    (ACT, {"history_dropout": 0.1}),
-    (ACT, {"execution": "ensemble", **SAMPLED, "z_hold": "chunk"}),
-    (ACT, COHERENCE),
-    (ACT, {**COHERENCE, **SAMPLED}),
-    (ACT, {"action_temperature": 1.0}),
-    (ACT, {"action_likelihood": "categorical", "action_top_k": 3}),
-    (ACT, {"use_vae": True, "z_temperature": 0.0}),
-    (ACT, {"use_vae": True, "z_hold": "steps"}),
-    (ACT, {"use_vae": True, "z_hold_steps": 3}),
-    (ACT, {"pretrained_backbone_weights": "ResNet18_Weights.IMAGENET1K_V1", "backbone_norm": "group"}),
-    (ACT, {"vision_backbone": "small_cnn", "pretrained_backbone_weights": "imagenet"}),
-    (ACT, {"horizon_s": 2.0, "fps": 50.0, "chunk_size": 30}),
-    (VQBET, {"replan_s": 0.001, "fps": 50.0}),
-    (DIFFUSION, {"prediction_dt": 0.001, "fps": 50.0}),
-    (DIFFUSION, {"horizon_s": 0.001, "fps": 50.0}),
-    (DIFFUSION, {"n_action_steps": 120}),
-    (ACT, {"n_action_steps": 120}),
-    (DIFFUSION, {"prediction_type": "epsilon"}),
-    (DIFFUSION, {"denoiser": "unet1d", "prefix_steps": 3, "horizon": 64}),
-    (DIFFUSION, {"align": "first_obs", "n_obs_steps": 2, "chunk_stride": 2, "horizon": 20}),
-    (DIFFUSION, {"align": "first_obs", "n_obs_steps": 2, "warm_start": "rtc"}),
-    (DIFFUSION, {"warm_start": "prefix"}),
-    (DIFFUSION, {"guidance_scale": 2.0}),
-    (DIFFUSION, {"condition_dropout": 0.1}),
-    (DIFFUSION, {"warm_start": "noise_hold", **COHERENCE}),
-    (DIFFUSION, {"objective": "two_step", **COHERENCE}),
-    (DIFFUSION, {"objective": "two_step", "warm_start": "sdedit"}),
-    (DIFFUSION, {"clip_mode": "lerobot"}),
-    (DIFFUSION, {"timestep_spacing": "linspace"}),
-    (DIFFUSION, {"objective": "ddpm", "sampler": "ddim", "num_inference_steps": 1}),
-    (DIFFUSION, {"objective": "ddpm", "sampler": "dpm++", "num_inference_steps": 60}),
-    (DIFFUSION, {"objective": "ddpm", "sampler": "dpm++", "timestep_spacing": "linspace"}),
-    (VQBET, {"tokenizer": "dct", "tokenizer_training": "joint", "use_ema": False}),
-    (VQBET, {"tokenizer_training": "joint"}),
-    (VQBET, {"tokenizer": "uniform", "offset_mode": "table"}),
-    (VQBET, {**COHERENCE, "bet_softmax_temperature": 0.0}),
-    (VQBET, {**COHERENCE, "code_hold": "episode"}),
-]
+PROVOKED: list[tuple[str, Settings]] = of_every_type("PROVOKED")
 NAMES = [f"{kind}-{'-'.join(given)}-{place}" for place, (kind, given) in enumerate(PROVOKED)]
 
 

@@ -4,7 +4,6 @@ import sys
 import pytest
 
 from lerobot_act_chunking.cli import main as cli
-from lerobot_act_chunking.cli import quickstart
 from lerobot_act_chunking.errors import ConfigurationError
 
 
@@ -17,7 +16,7 @@ def test_help_answers_without_importing_torch_or_lerobot():
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
     )
     assert done.stdout.splitlines()[-1] == "imported: [] 0"
-    for command in ("quickstart", "record", "motion"):
+    for command in ("record", "motion", "settings"):
         assert command in done.stdout
 
 
@@ -31,12 +30,11 @@ def test_our_errors_are_one_line_and_status_1(monkeypatch, capsys):
 
 
 def test_ctrl_c_is_status_130_and_says_how_to_go_on(monkeypatch, capsys, tmp_path):
-    def interrupted(*_):
+    def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(quickstart, "run", interrupted)
-    monkeypatch.setenv("LEROBOT_LOCAL_HUB", str(tmp_path / "hub"))
-    assert cli.main(["quickstart", "--output-dir", str(tmp_path)]) == 130
+    monkeypatch.setattr("lerobot_act_chunking.recording.record", interrupted)
+    assert cli.main(["record", "--repo-id", "me/cube", "--root", str(tmp_path / "cube")]) == 130
     assert "run the same command again" in capsys.readouterr().err
 
 
@@ -53,8 +51,8 @@ def test_errors_that_are_not_ours_keep_their_traceback(monkeypatch):
     ("argv", "message"),
     [
         (["fly"], "No such command 'fly'"),
-        (["quickstart", "--episodes", "0"], "Invalid value for '--episodes'"),
-        (["quickstart", "--speed", "3"], "No such option: --speed"),
+        (["record", "--episodes", "few"], "Invalid value for '--episodes'"),
+        (["motion", "--speed", "3"], "No such option: --speed"),
     ],
 )
 def test_usage_errors_are_status_2(argv, message, capsys):

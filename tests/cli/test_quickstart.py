@@ -122,3 +122,31 @@ def test_unknown_task_is_refused_before_anything_runs(tmp_path, capsys):
 def touch(path: Path, text: str = "{}") -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text)
+
+
+def test_trained_means_pushed(tmp_path, monkeypatch):
+    monkeypatch.setenv("LEROBOT_LOCAL_HUB", str(tmp_path / "hub"))
+    story = QuickstartPlan(tmp_path, steps=3)
+    (story.train / "checkpoints" / "000003").mkdir(parents=True)
+    assert not story.trained()
+    main = story.hub / f"models--{story.policy_repo_id.replace('/', '--')}" / "refs" / "main"
+    main.parent.mkdir(parents=True)
+    main.write_text("0" * 40)
+    assert story.trained()
+
+
+def test_it_is_listed_and_its_wrong_usage_is_status_2(capsys):
+    assert cli.main(["--help"]) == 0
+    assert "quickstart" in capsys.readouterr().out
+    assert cli.main(["quickstart", "--episodes", "0"]) == 2
+    assert "Invalid value for '--episodes'" in capsys.readouterr().err
+
+
+def test_ctrl_c_is_status_130_and_says_how_to_go_on(monkeypatch, capsys, tmp_path):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(quickstart, "run", interrupted)
+    monkeypatch.setenv("LEROBOT_LOCAL_HUB", str(tmp_path / "hub"))
+    assert cli.main(["quickstart", "--output-dir", str(tmp_path)]) == 130
+    assert "run the same command again" in capsys.readouterr().err

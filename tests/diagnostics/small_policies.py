@@ -3,12 +3,28 @@
 import torch
 from lerobot.configs import FeatureType, PolicyFeature, PreTrainedConfig
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
+from policy_cases import LENGTHS, MODULES, SIZES, TYPES
 
-import lerobot_act_chunking.policies.act_chunked.configuration_act_chunked  # noqa: F401  (registers the type)
 from lerobot_act_chunking.policies.loading import LoadedPolicy
 
 CHUNK, JOINTS = 8, 14
-SMALL = {"dim_model": 16, "n_heads": 2, "dim_feedforward": 24, "n_encoder_layers": 1, "use_vae": False}
+OURS = TYPES[0]
+SMALL = {
+    OURS: {
+        **SIZES[OURS],
+        **MODULES[OURS].DETERMINISTIC,
+        LENGTHS[OURS]: CHUNK,
+        "execution": "open_loop",
+    },
+    "act": {
+        "chunk_size": CHUNK,
+        "dim_model": 16,
+        "n_heads": 2,
+        "dim_feedforward": 24,
+        "n_encoder_layers": 1,
+        "use_vae": False,
+    },
+}
 STATE = {
     "observation.state": PolicyFeature(FeatureType.STATE, (JOINTS,)),
     "observation.environment_state": PolicyFeature(FeatureType.ENV, (7,)),
@@ -17,16 +33,15 @@ CAMERA = {"observation.images.top": PolicyFeature(FeatureType.VISUAL, (3, 48, 64
 START = torch.tensor([0.0, -0.96, 1.16, 0.0, -0.3, 0.0, 0.5] * 2)
 
 
-def make_policy(type_: str = "act_chunked", inputs=STATE, start=START, **settings) -> LoadedPolicy:
+def make_policy(type_: str = OURS, inputs=STATE, start=START, **settings) -> LoadedPolicy:
     """An untrained policy that moves about the start pose."""
     actions = {"action": PolicyFeature(FeatureType.ACTION, tuple(start.shape))}
     config = PreTrainedConfig.get_choice_class(type_)(
         device="cpu",
         push_to_hub=False,
-        chunk_size=CHUNK,
         input_features=dict(inputs),
         output_features=actions,
-        **{**SMALL, **({"execution": "open_loop"} if type_ == "act_chunked" else {}), **settings},
+        **{**SMALL[type_], **settings},
     )
     torch.manual_seed(0)
     policy = get_policy_class(type_)(config).eval()

@@ -18,6 +18,7 @@ del constants.HF_HUB_DISABLE_XET  # requests cannot be routed
 get_item = DatasetReader.get_item
 DatasetReader.get_item = lambda self, idx: get_item(self, idx)  # other insides, the same items
 from lerobot.scripts.lerobot_train import main
+from policy_cases import MODULES, TYPES
 main()
 """
 
@@ -38,7 +39,7 @@ def dataset(tmp_path):
 
 
 def test_it_says_so_once_and_trains(dataset, tmp_path):
-    policy = "--policy.type=act_chunked --policy.dim_model=16 --policy.n_heads=2 --policy.chunk_size=6"
+    policy = f"--policy.type={TYPES[0]} {MODULES[TYPES[0]].TRAINED}"
     run = f"--dataset.repo_id=test/toy --dataset.root={dataset} --output_dir={tmp_path / 'run'} --steps=2"
     quiet = "--policy.device=cpu --policy.push_to_hub=false --num_workers=0 --batch_size=3"
     done = subprocess.run(

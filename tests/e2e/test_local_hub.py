@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from huggingface_hub import scan_cache_dir
+from policy_cases import MODULES, TYPES
 
 from lerobot_act_chunking.compat import trackers_off
 from lerobot_act_chunking.hub.names import RepoName
@@ -109,12 +110,8 @@ TINY_ACT = [
     "--policy.repo_id=me/act",
 ]
 TINY_CHUNKED = [
-    "--policy.type=act_chunked",
-    "--policy.dim_model=32",
-    "--policy.n_heads=2",
-    "--policy.dim_feedforward=16",
-    "--policy.n_encoder_layers=1",
-    "--policy.chunk_size=8",
+    f"--policy.type={TYPES[0]}",
+    *MODULES[TYPES[0]].TRAINED.split(),
     "--policy.repo_id=me/act_cube",
 ]
 TRAIN = [

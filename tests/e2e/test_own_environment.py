@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from lerobot.envs.utils import env_to_policy_features
+from policy_cases import MODULES, TYPES
 
 from lerobot_act_chunking.errors import ConfigurationError
 
@@ -63,8 +64,8 @@ def test_policies_get_its_features(own):
 @pytest.mark.slow
 def test_lerobot_eval_finds_it(tmp_path):
     """In a process of its own and with asynchronous workers, which must find the file as well."""
-    policy = "--policy.type=act_chunked --policy.dim_model=16 --policy.n_heads=2 --policy.n_encoder_layers=1"
-    quiet = "--policy.use_vae=false --policy.chunk_size=4 --policy.device=cpu --policy.push_to_hub=false"
+    policy = f"--policy.type={TYPES[0]} {MODULES[TYPES[0]].TRAINED}"
+    quiet = "--policy.device=cpu --policy.push_to_hub=false"
     environment = "--env.discover_packages_path=own_environment --env.type=reach_dot"
     size = f"--eval.n_episodes=2 --eval.batch_size=2 --eval.use_async_envs=true --output_dir={tmp_path}"
     code = "from lerobot.scripts.lerobot_eval import main; main()"

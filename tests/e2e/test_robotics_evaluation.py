@@ -9,8 +9,9 @@ import pytest
 import torch
 from lerobot.configs.types import FeatureType, PolicyFeature
 from lerobot.envs.factory import make_env
-from lerobot.policies.factory import make_pre_post_processors
+from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from lerobot.scripts import lerobot_eval, lerobot_train
+from policy_cases import MODULES, TYPES, any_config
 
 import lerobot_act_chunking.plugin  # noqa: F401  (register)
 from lerobot_act_chunking.cli.main import main
@@ -18,16 +19,12 @@ from lerobot_act_chunking.envs.configuration_robotics import RoboticsEnvConfig
 from lerobot_act_chunking.envs.demonstration import ExpertOptions
 from lerobot_act_chunking.envs.robotics.options import RoboticsOptions
 from lerobot_act_chunking.errors import FeatureError
-from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
-from lerobot_act_chunking.policies.act_chunked.modeling_act_chunked import ActChunkedPolicy
 from lerobot_act_chunking.recording.recorder import Target, record_source
 from lerobot_act_chunking.recording.robotics import RoboticsSource
 from lerobot_act_chunking.recording.simulated import Step
 
 UNTRAINED = (
-    "--policy.type=act_chunked --policy.dim_model=16 --policy.n_heads=2 --policy.dim_feedforward=24 "
-    "--policy.n_encoder_layers=1 --policy.use_vae=false --policy.chunk_size=4 --policy.device=cpu "
-    "--policy.push_to_hub=false"
+    f"--policy.type={TYPES[0]} {MODULES[TYPES[0]].TRAINED} --policy.device=cpu --policy.push_to_hub=false"
 )
 SMALL_VIDEO = (
     "--env.render_quality=fast --env.visualization_height=48 --env.visualization_width=64 "
@@ -105,17 +102,9 @@ def test_recorded_trained_and_evaluated(task, record, command, tmp_path):
 def test_a_policy_that_saw_no_velocities_is_told_when_it_is_shown_them(command, tmp_path):
     sees = {"observation.state": PolicyFeature(FeatureType.STATE, (5,))}
     sees["observation.environment_state"] = PolicyFeature(FeatureType.ENV, (12,))
-    config = ActChunkedConfig(
-        dim_model=16,
-        n_heads=2,
-        dim_feedforward=24,
-        n_encoder_layers=1,
-        chunk_size=4,
-        device="cpu",
-        input_features=sees,
-        output_features={"action": PolicyFeature(FeatureType.ACTION, (4,))},
-    )
-    ActChunkedPolicy(config).save_pretrained(tmp_path / "policy")
+    actions = {"action": PolicyFeature(FeatureType.ACTION, (4,))}
+    config = any_config(input_features=sees, output_features=actions)
+    get_policy_class(config.type)(config).save_pretrained(tmp_path / "policy")
     for processor in make_pre_post_processors(config):
         processor.save_pretrained(tmp_path / "policy")
     environment = "--env.type=gymnasium_robotics --env.task=FetchPush-v4 --env.episode_length=2"

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import huggingface_hub
 import pytest
 from huggingface_hub import constants, get_session
+from policy_cases import TYPES
 
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.hub import routing
@@ -69,7 +70,7 @@ def test_the_plugin_loads_with_neither_seam(tmp_path):
         "import lerobot.datasets.lerobot_dataset as module; module.LeRobotDataset.__getitems__ = len;"
         "import lerobot_act_chunking.plugin;"
         "from lerobot.configs import PreTrainedConfig; from lerobot.datasets import factory;"
-        "print('act_chunked' in PreTrainedConfig.get_known_choices(), factory.LeRobotDataset.__name__)"
+        f"print({TYPES[0]!r} in PreTrainedConfig.get_known_choices(), factory.LeRobotDataset.__name__)"
     )
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", code],

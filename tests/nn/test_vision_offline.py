@@ -9,15 +9,12 @@ from pathlib import Path
 import pytest
 import torch
 import torchvision
+from lerobot.configs import PreTrainedConfig
+from policy_cases import TYPES
 
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.nn.vision import make_backbone
 from lerobot_act_chunking.nn.vision.torchvision_models import NAMES
-from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
-from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked import (
-    DiffusionChunkedConfig,
-)
-from lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked import VqbetChunkedConfig
 
 PYPROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
 PIP = "pip install 'lerobot_policy_act_chunking[vision]'"
@@ -59,12 +56,12 @@ def test_the_extra_that_messages_name_exists():
 
 
 @pytest.mark.parametrize("backbone", ["efficientnet_lite0", "timm:resnet10t"])
-@pytest.mark.parametrize("config", [ActChunkedConfig, DiffusionChunkedConfig, VqbetChunkedConfig])
-def test_without_timm_a_policy_is_refused_when_it_is_configured(config, backbone, monkeypatch):
+@pytest.mark.parametrize("policy_type", TYPES)
+def test_without_timm_a_policy_is_refused_when_it_is_configured(policy_type, backbone, monkeypatch):
     monkeypatch.setitem(sys.modules, "timm", None)
     message = re.escape(f"vision_backbone={backbone} needs timm: {PIP}")
     with pytest.raises(ConfigurationError, match=message):
-        config(device="cpu", vision_backbone=backbone)
+        PreTrainedConfig.get_choice_class(policy_type)(device="cpu", vision_backbone=backbone)
 
 
 def test_without_the_package_of_weights_its_command_is_named(monkeypatch):

@@ -1,6 +1,7 @@
-"""A case of `temporal_ensemble`, over the first policy type that is there."""
+"""Cases of `temporal_ensemble`, over the first policy type that is there."""
 
 from dataclasses import dataclass, fields
+from importlib import import_module
 from typing import Any
 
 from lerobot.configs import FeatureType, PolicyFeature, PreTrainedConfig
@@ -11,12 +12,14 @@ from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ense
     TemporalEnsembleConfig,
 )
 
+INNER = next(iter(KINDS))
+
 
 @dataclass(frozen=True)
 class WrappedCase(Case):
     """A policy as the inner one of a `temporal_ensemble`."""
 
-    inner_type: str = next(iter(KINDS))
+    inner_type: str = INNER
 
     @property
     def kind(self) -> Kind:
@@ -35,4 +38,7 @@ class WrappedCase(Case):
         )
 
 
-WRAPPED = WrappedCase("vectors", "temporal_ensemble", STATE | VELOCITY | ENVIRONMENT, {"use_ema": True})
+WRAPPED = [WrappedCase("vectors", "temporal_ensemble", STATE | VELOCITY | ENVIRONMENT, {"use_ema": True})]
+_DRAWING = import_module(f"cases_{INNER}").DRAWING
+SAMPLING = [WrappedCase("sampled", "temporal_ensemble", STATE, _DRAWING)]
+NEEDED = {"inner": {"type": INNER, **KINDS[INNER].sizes}}  # no configuration without

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, get_args, get_origin
 
-import policy_cases  # noqa: F401  (registers the types)
 from lerobot.configs import FeatureType, NormalizationMode, PolicyFeature, PreTrainedConfig
+from policy_cases import MODULES, TYPES
 
 from lerobot_act_chunking.execution.settings import Kernel, Mode, Weighting
 from lerobot_act_chunking.policies.choices import choices_of
@@ -17,21 +17,7 @@ HOSTILE = (0, -1, 10**7, 10**12, 2**70, 0.5, -0.5, 1e300, float("nan"), float("i
 HOSTILE += (None, "", "other", True, [], [0], [10**7], (1, 2, 3), {}, {"a": 1})  # of other kinds
 SMALL_CNN = {"vision_backbone": "small_cnn"}
 # What keeps networks tiny; drawn values and presets come on top.
-TINY = {
-    "act_chunked": {
-        "chunk_size": 6,
-        "dim_model": 8,
-        "n_heads": 2,
-        "dim_feedforward": 12,
-        "n_encoder_layers": 1,
-    }
-    | {"n_vae_encoder_layers": 1, "n_decoder_layers": 1, "latent_dim": 3, "n_bins": 11},
-    "diffusion_chunked": {"horizon": 6, "dim_model": 8, "n_layers": 1, "n_heads": 2, "down_dims": (8,)}
-    | {"n_groups": 2, "diffusion_step_embed_dim": 8, "spatial_softmax_num_keypoints": 3},
-    "vqbet_chunked": {"chunk_size": 6, "gpt_hidden_dim": 8, "gpt_n_layer": 1, "gpt_n_head": 2}
-    | {"head_hidden_dims": (9,), "vqvae_n_embed": 4, "vqvae_embedding_dim": 5, "vqvae_enc_hidden_dim": 7}
-    | {"n_vqvae_training_steps": 1, "kmeans_iters": 1, "spatial_softmax_num_keypoints": 3, "n_bins": 9},
-}
+TINY = {name: MODULES[name].TINY for name in TYPES}
 # Values near which most fields are drawn. Widths and layers stay tiny: a fuzz is about combinations.
 WIDTHS = (4, 8, 12, 16, 20)
 NEAR: dict[str, tuple[Any, ...]] = {
@@ -68,6 +54,8 @@ NEAR: dict[str, tuple[Any, ...]] = {
     "compile_model": (False,),  # takes a minute
     "inner_path": ("none",),
 }
+STATE = {"observation.state": PolicyFeature(FeatureType.STATE, (2,))}
+IMAGES = {"observation.images.top": PolicyFeature(FeatureType.VISUAL, (3, 16, 24))}
 
 
 @dataclass(frozen=True)
@@ -89,6 +77,11 @@ class Draw:
             output_features={"action": action},
             **self.settings,
         )
+
+
+def named(policy_type: str, inputs: dict[str, PolicyFeature] = STATE, **settings: Any) -> Draw:
+    """A tiny configuration with these settings."""
+    return Draw(policy_type, SMALL_CNN | TINY[policy_type] | settings, inputs, action_dim=2)
 
 
 def draw(policy_type: str, seed: int) -> Draw:

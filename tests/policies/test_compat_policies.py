@@ -8,20 +8,20 @@ from huggingface_hub import ModelCard
 from lerobot.common import train_utils
 from lerobot.policies.act.configuration_act import ACTConfig
 from lerobot.policies.pretrained import PreTrainedPolicy
-from lerobot.policies.rtc.configuration_rtc import RTCConfig
-from policy_cases import CASES, WRAPPED, A
+from policy_cases import CASES, WRAPPED
 
 from lerobot_act_chunking import compat
-from lerobot_act_chunking.errors import ConfigurationError, FeatureError
+from lerobot_act_chunking.errors import FeatureError
 from lerobot_act_chunking.hub.card import policy_section
 from lerobot_act_chunking.policies import model_card
 from lerobot_act_chunking.policies.chunked_policy import ChunkedPolicy
 
-ALL = [pytest.param(case, id=f"{case.type}-{case.name}") for case in [*CASES, WRAPPED]]
-STATE, DIFFUSION, PREFIX = (
-    next(case for case in CASES if (case.type, case.name) == key)
-    for key in (("act_chunked", "state"), ("diffusion_chunked", "state"), ("diffusion_chunked", "prefix"))
-)
+ALL = [*CASES, *WRAPPED]
+STATE = CASES[0]
+
+
+def case_id(case):
+    return f"{case.type}-{case.name}"
 
 
 def drop_queued_actions(policy) -> None:
@@ -34,7 +34,7 @@ def drop_queued_actions(policy) -> None:
             queue.clear()
 
 
-@pytest.mark.parametrize("case", ALL)
+@pytest.mark.parametrize("case", ALL, ids=case_id)
 def test_dropped_actions_are_predicted_anew_and_observations_kept(case):
     """As if the chunk had run out: the next action begins a chunk, and sees the same history."""
     policy, due = (case.policy(execution="open_loop", n_action_steps=steps) for steps in (3, 2))
@@ -68,7 +68,7 @@ def cards_from_training(monkeypatch):
     monkeypatch.setattr(train_utils, "generate_model_card", generate_model_card, raising=False)
 
 
-@pytest.mark.parametrize("case", [STATE, WRAPPED], ids=["ours", "wrapper"])
+@pytest.mark.parametrize("case", [STATE, *WRAPPED], ids=case_id)
 def test_cards_made_by_training_say_how_our_policies_act_once(cards_from_training, case):
     for _ in range(2):
         model_card.install()
@@ -102,27 +102,7 @@ def test_a_mapping_without_actions_is_named():
         compat.action_of({"prediction": 1, "mask": 2})
 
 
-def in_a_mapping(method):
-    return lambda *args, **kwargs: {"action": method(*args, **kwargs), "prediction": None}
-
-
-def test_the_wrapper_takes_actions_out_of_mappings():
-    policy, plain, batch = WRAPPED.policy(), WRAPPED.policy(), WRAPPED.batch()
-    policy.inner.predict_action_chunk = in_a_mapping(policy.inner.predict_action_chunk)
-    assert torch.equal(policy.predict_action_chunk(batch), plain.predict_action_chunk(batch))
-    assert torch.equal(policy.select_action(batch), plain.select_action(batch))
-
-
-def test_the_wrapper_answers_questions_if_its_inner_policy_does():
-    policy = WRAPPED.policy()
-    assert not policy.supports_text_generation()
-    policy.inner.supports_text_generation = lambda: True
-    policy.inner.generate_text = lambda batch: f"{len(batch)} keys"
-    assert policy.supports_text_generation()
-    assert policy.generate_text(WRAPPED.batch()) == "5 keys"
-
-
-@pytest.mark.parametrize("case", [each for each in ALL if each.values[0] is not WRAPPED])
+@pytest.mark.parametrize("case", CASES, ids=case_id)
 def test_what_may_be_called_on_spread_weights_exists(case):
     policy = case.policy()
     inherited = getattr(PreTrainedPolicy, "_fsdp_forward_methods", ("select_action", "predict_action_chunk"))
@@ -135,40 +115,6 @@ def test_every_policy_names_the_units_of_sharded_training():
         cases = [case for case in CASES if case.type == policy_class.name]
         found = {type(module).__name__ for case in cases for module in case.policy().modules()}
         assert set(policy_class._fsdp_wrap_modules) <= found
-
-
-def rtc_in(mode):
-    config = RTCConfig(execution_horizon=3)
-    vars(config)["mode"] = mode  # 0.6.1 has no such field
-    return config
-
-
-def test_training_time_chunking_needs_a_policy_that_learned_it():
-    policy = DIFFUSION.policy()
-    policy.config.rtc_config = rtc_in("trained")  # as LeRobot's rollout does
-    with pytest.raises(ConfigurationError, match=r"warm_start=prefix.*use --inference\.rtc\.mode=guided"):
-        policy.init_rtc_processor()
-    with pytest.raises(ConfigurationError, match="mode=trained needs"):
-        DIFFUSION.config(rtc_config=rtc_in("trained"))
-
-
-@pytest.mark.parametrize(
-    ("settings", "rtc_config"),
-    [
-        ({}, None),
-        ({}, RTCConfig()),
-        ({}, rtc_in("guided")),
-        ({"warm_start": "prefix"}, rtc_in("trained")),
-    ],
-)
-def test_all_other_modes_act(settings, rtc_config):
-    policy = PREFIX.policy(**settings)
-    policy.config.rtc_config = rtc_config
-    policy.init_rtc_processor()
-    left_over = torch.zeros(1, 3, A)
-    one = {key: value[:1] for key, value in PREFIX.batch().items()}
-    chunk = policy.predict_action_chunk(one, inference_delay=1, prev_chunk_left_over=left_over)
-    assert chunk.shape == (1, 5, A)
 
 
 def test_saving_writes_what_loading_needs_whatever_else_is_passed(tmp_path):

@@ -13,7 +13,7 @@ from torch.nn.parallel import DistributedDataParallel
 
 from lerobot_act_chunking.errors import FeatureError
 
-ALL = [*CASES, WRAPPED]
+ALL = [*CASES, *WRAPPED]
 
 
 def case_id(case):

@@ -2,21 +2,9 @@
 
 import pytest
 import torch
-from policy_cases import CASES, STATE, A, Case, WrappedCase
+from policy_cases import A, of_every_type
 
-DRAWING = {"z_inference": "sample", "use_vae": True}
-SAMPLING = [
-    *(
-        case for case in CASES if case.type == "diffusion_chunked" and case.name != "two-step"
-    ),  # it draws nothing
-    Case("sampled", "act_chunked", STATE, DRAWING),
-    Case("held latent", "act_chunked", STATE, DRAWING | {"z_hold": "episode"}),
-    Case("drawn actions", "act_chunked", STATE, {"action_likelihood": "gaussian", "action_temperature": 1.0}),
-    Case("state", "vqbet_chunked", STATE, {"top_p": 1.0}),
-    Case("held codes", "vqbet_chunked", STATE, {"top_p": 1.0, "code_hold": "episode"}),
-    Case("noise_hold", "diffusion_chunked", STATE, {"warm_start": "noise_hold"}),
-    WrappedCase("sampled", "temporal_ensemble", STATE, DRAWING),
-]
+SAMPLING = of_every_type("SAMPLING")
 N_EPISODES, STEPS = 3, 7
 
 

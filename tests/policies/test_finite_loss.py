@@ -4,13 +4,10 @@ import math
 
 import pytest
 import torch
-from lerobot.policies.factory import get_policy_class
-from policy_cases import CASES, STATE, Case, history_batch
+from policy_cases import CASES, history_batch, of_every_type
 
 from lerobot_act_chunking.errors import DatasetError
 from lerobot_act_chunking.policies.finite_loss import require_finite_loss
-
-TOO_MUCH = 1e30  # finite, but not its square
 
 
 def spoiled(policy, key, value):
@@ -31,46 +28,11 @@ def test_every_input_that_spoils_the_loss_is_named(case, training):
                 policy.forward(spoiled(policy, key, value))
 
 
-TOKENIZERS = [
-    ("tokenizer_training", "in_loop", {}),
-    ("joint", "joint", {"use_ema": False}),
-    ("fsq", "in_loop", {"tokenizer": "fsq"}),
-]
-
-
-@pytest.mark.parametrize(("name", "how", "settings"), TOKENIZERS, ids=[name for name, *_ in TOKENIZERS])
-def test_the_tokenizer_does_not_learn_from_what_is_not_finite(name, how, settings):
-    config = Case(name, "vqbet_chunked", STATE, {"tokenizer_training": how, **settings}).config()
-    policy = get_policy_class("vqbet_chunked")(config).train()
-    for value in (math.nan, math.inf):
-        with pytest.raises(DatasetError, match="'action' in the batch holds a NaN or an infinity"):
-            policy.forward(spoiled(policy, "action", value))
-    assert int(policy.tokenizer_phase.n_learned) == 0
-
-
-def test_an_extreme_action_spoils_the_tokenizer_and_is_named():
-    config = Case("state", "vqbet_chunked", STATE).config()
-    policy = get_policy_class("vqbet_chunked")(config).train()
-    with pytest.raises(DatasetError, match=r"'action' in the batch reaches 1e\+30"):
-        policy.forward(spoiled(policy, "action", TOO_MUCH))
-
-
-def test_a_tokenizer_that_diverges_names_its_own_rate():
-    config = Case("state", "vqbet_chunked", STATE).config()
-    policy = get_policy_class("vqbet_chunked")(config).train()
-    for weight in policy.tokenizer.parameters():
-        weight.data.fill_(math.nan)
-    with pytest.raises(DatasetError, match=r"lower --policy\.optimizer_vqvae_lr"):
-        policy.forward(history_batch(policy))
-
-
 @pytest.mark.parametrize(
-    ("policy_type", "weight"),
-    [("vqbet_chunked", "offset_loss_weight"), ("act_chunked", "kl_weight")],
+    ("case", "weight"), of_every_type("WEIGHTED"), ids=lambda each: getattr(each, "type", each)
 )
-def test_terms_may_be_finite_and_their_sum_not(policy_type, weight):
-    settings = {"use_vae": True} if policy_type == "act_chunked" else {}
-    policy = Case("state", policy_type, STATE, settings).policy().train()
+def test_terms_may_be_finite_and_their_sum_not(case, weight):
+    policy = case.policy().train()
     setattr(policy.config, weight, 1e39)
     with pytest.raises(DatasetError, match="the loss is not finite"):
         policy.forward(history_batch(policy))

@@ -6,19 +6,16 @@ from typing import get_args
 import draccus
 import pytest
 import torch
-from fuzz_configurations import SMALL_CNN, TINY, Draw, draw
-from lerobot.configs import FeatureType, PolicyFeature, PreTrainedConfig
+from fuzz_configurations import draw, named
+from lerobot.configs import PreTrainedConfig
 from lerobot.policies.factory import get_policy_class
+from policy_cases import MODULES, TYPES, of_every_type
 from tiers import draws
 
 from lerobot_act_chunking.errors import ConfigurationError, FeatureError
 from lerobot_act_chunking.policies.field_checks import own_fields
 from lerobot_act_chunking.policies.ranges import RANGES
-from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
-    TemporalEnsembleConfig,
-)
 
-TYPES = tuple(TINY)
 B = 3
 
 
@@ -99,10 +96,9 @@ def test_a_drawn_configuration_is_refused_at_once_or_lives(policy_type, tmp_path
 NUMBERS = (int, float)
 
 
-@pytest.mark.parametrize("config_class", [*TYPES, TemporalEnsembleConfig], ids=str)
-def test_every_number_has_a_range_and_every_range_a_field(config_class):
-    if isinstance(config_class, str):
-        config_class = PreTrainedConfig.get_choice_class(config_class)
+@pytest.mark.parametrize("policy_type", MODULES)
+def test_every_number_has_a_range_and_every_range_a_field(policy_type):
+    config_class = PreTrainedConfig.get_choice_class(policy_type)
     for name, hint, _ in own_fields(config_class):
         numbers = hint in NUMBERS or any(each in NUMBERS for each in get_args(hint))
         assert numbers == (name in RANGES), name
@@ -134,18 +130,7 @@ def test_values_of_another_kind_or_out_of_range_are_refused_by_their_field(polic
                 config_class(device="cpu", **{name: value})
 
 
-@pytest.mark.parametrize(
-    ("policy_type", "settings", "count", "divisor"),
-    [
-        ("act_chunked", {"chunk_size": 7, "actions_per_query": 2}, "chunk_size", "actions_per_query"),
-        ("act_chunked", {"chunk_size": 100, "actions_per_query": 8}, "chunk_size", "actions_per_query"),
-        ("act_chunked", {"dim_model": 100}, "dim_model", "n_heads"),
-        ("act_chunked", {"dim_model": 10, "n_heads": 3}, "dim_model", "n_heads"),
-        ("diffusion_chunked", {"horizon": 9, "actions_per_token": 20}, "horizon", "actions_per_token"),
-        ("diffusion_chunked", {"dim_model": 12, "denoiser": "dit"}, "dim_model", "n_heads"),
-        ("vqbet_chunked", {"gpt_hidden_dim": 20}, "gpt_hidden_dim", "gpt_n_head"),
-    ],
-)
+@pytest.mark.parametrize(("policy_type", "settings", "count", "divisor"), of_every_type("INDIVISIBLE"))
 def test_a_count_that_does_not_divide_is_told_what_would(policy_type, settings, count, divisor):
     config_class = PreTrainedConfig.get_choice_class(policy_type)
     with pytest.raises(ConfigurationError, match=f"^{count}=.* must be divisible by {divisor}=") as refusal:
@@ -160,14 +145,6 @@ def test_a_count_that_does_not_divide_is_told_what_would(policy_type, settings, 
     assert followed
 
 
-STATE = {"observation.state": PolicyFeature(FeatureType.STATE, (2,))}
-IMAGES = {"observation.images.top": PolicyFeature(FeatureType.VISUAL, (3, 16, 24))}
-
-
-def named(policy_type, inputs=STATE, **settings):
-    return Draw(policy_type, SMALL_CNN | TINY[policy_type] | settings, inputs, action_dim=2)
-
-
 @pytest.mark.parametrize("policy_type", TYPES)
 def test_grippers_beyond_the_action_are_refused_when_features_are_known(policy_type):
     with pytest.raises(ConfigurationError, match=r"gripper_dims=\[2\] must be .* dimensions, 0 to 1"):
@@ -178,50 +155,7 @@ def test_grippers_beyond_the_action_are_refused_when_features_are_known(policy_t
         late.validate_features()
 
 
-def test_the_wrapper_knows_its_grippers_too():
-    inner = {"type": "act_chunked", **TINY["act_chunked"]}
-    features = named("act_chunked").config()
-    given = {"input_features": features.input_features, "output_features": features.output_features}
-    TemporalEnsembleConfig(inner=inner, device="cpu", gripper_dims=[1], **given)
-    with pytest.raises(ConfigurationError, match=r"gripper_dims=\[2\] must be .* dimensions, 0 to 1"):
-        TemporalEnsembleConfig(inner=inner, device="cpu", gripper_dims=[2], **given)
-
-
-def test_velocities_need_a_vector():
-    with pytest.raises(ConfigurationError, match=r"set --policy\.use_velocity=false"):
-        named("act_chunked", IMAGES, preset="autoregressive").config().validate_features()
-    assert build(named("act_chunked", IMAGES, preset="autoregressive", use_velocity=False)) is not None
-
-
-@pytest.mark.parametrize(
-    ("policy_type", "settings", "message"),
-    [
-        ("act_chunked", {"dim_model": 2**14, "n_encoder_layers": 50}, "billion weights, more than 4"),
-        ("diffusion_chunked", {"dim_model": 2**14, "n_layers": 100}, "billion weights, more than 4"),
-        ("vqbet_chunked", {"gpt_hidden_dim": 2**14, "gpt_n_layer": 50}, "billion weights, more than 4"),
-        (
-            "vqbet_chunked",
-            {"tokenizer": "fsq", "gpt_hidden_dim": 2**14, "gpt_n_layer": 50},
-            "billion weights",
-        ),
-        (
-            "act_chunked",
-            {"chunk_size": 5000, "chunk_stride": 21},
-            "span 104980 control steps, more than 100000",
-        ),
-        (
-            "act_chunked",
-            {"n_obs_steps": 400, "obs_stride": 300},
-            "span 119701 control steps, more than 100000",
-        ),
-        (
-            "vqbet_chunked",
-            {"chunk_size": 2000, "n_action_pred_token": 600},
-            "set --policy.chunk_size to 1666",
-        ),
-        ("vqbet_chunked", {"tokenizer": "fsq", "fsq_levels": (99, 99, 99)}, "make 970299 codes"),
-    ],
-)
+@pytest.mark.parametrize(("policy_type", "settings", "message"), of_every_type("TOO_COSTLY"))
 def test_what_several_settings_cost_together_is_refused_before_it_is_paid(policy_type, settings, message):
     with pytest.raises(ConfigurationError, match=message):
         get_policy_class(policy_type)(named(policy_type, **settings).config())

@@ -2,30 +2,20 @@
 
 import pytest
 from huggingface_hub import constants
+from policy_cases import CASES, WRAPPED
 
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.hub import preflight
-from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
-from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked import (
-    DiffusionChunkedConfig,
-)
-from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
-    TemporalEnsembleConfig,
-)
-from lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked import VqbetChunkedConfig
 
-MAKE = {
-    "act_chunked": ActChunkedConfig,
-    "diffusion_chunked": DiffusionChunkedConfig,
-    "vqbet_chunked": VqbetChunkedConfig,
-    "temporal_ensemble": lambda **settings: TemporalEnsembleConfig(inner={"type": "act_chunked"}, **settings),
-}
+ONE_OF_EACH = {case.type: case for case in [*CASES, *WRAPPED]}
 
 
-@pytest.fixture(params=MAKE)
+@pytest.fixture(params=ONE_OF_EACH)
 def config(request, monkeypatch):
     monkeypatch.delenv("LEROBOT_LOCAL_HUB", raising=False)
-    return MAKE[request.param](device="cpu", push_to_hub=True, repo_id="me/policy")
+    config = ONE_OF_EACH[request.param].config(push_to_hub=True)
+    config.push_to_hub, config.repo_id = True, "me/policy"
+    return config
 
 
 @pytest.fixture

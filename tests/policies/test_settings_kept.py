@@ -6,18 +6,13 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 import pytest
-from cases_act_chunked import ACT
 from lerobot.configs import NormalizationMode, PreTrainedConfig
-from policy_cases import SIZES
+from policy_cases import MODULES, SIZES, TYPES
 from tiers import draws
 
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.policies.choices import choices_of
-from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
-    TemporalEnsembleConfig,
-)
 
-TYPES = ("act_chunked", "diffusion_chunked", "vqbet_chunked", "temporal_ensemble")
 # LeRobot's own, or files and objects that a drawn value cannot be.
 LEFT_OUT = {"device", "use_amp", "rtc_config", "tokenizer_path", "pretrained_backbone_weights"}
 LEFT_OUT |= {"inner", "inner_path", "input_features", "output_features", "pretrained_path"}
@@ -67,10 +62,8 @@ def draw(policy_type: str, rng: np.random.Generator) -> dict[str, Any]:
 
 
 def make(policy_type: str, given: dict[str, Any]) -> PreTrainedConfig:
-    around = {"device": "cpu"}
-    if policy_type == "temporal_ensemble":
-        return TemporalEnsembleConfig(**around, **given, inner={"type": "act_chunked", **ACT})
-    return PreTrainedConfig.get_choice_class(policy_type)(**around, **given)
+    needed = getattr(MODULES[policy_type], "NEEDED", {})
+    return PreTrainedConfig.get_choice_class(policy_type)(device="cpu", **needed, **given)
 
 
 def differing(config: PreTrainedConfig, given: dict[str, Any]) -> dict[str, Any]:
@@ -86,7 +79,7 @@ def same(is_now: Any, given: Any) -> bool:
     return is_now == given and isinstance(is_now, bool) == isinstance(given, bool)
 
 
-@pytest.mark.parametrize("policy_type", TYPES)
+@pytest.mark.parametrize("policy_type", MODULES)
 def test_what_is_given_stays_or_is_refused(policy_type, tmp_path):
     rng, kept = np.random.default_rng(7), 0
     for number in range(draws(gate=250, full=5000)):
@@ -105,7 +98,7 @@ def test_what_is_given_stays_or_is_refused(policy_type, tmp_path):
     assert kept > 50  # the law is about those
 
 
-@pytest.mark.parametrize("policy_type", TYPES[:3])
+@pytest.mark.parametrize("policy_type", TYPES)
 def test_every_field_is_left_alone_by_itself(policy_type):
     config_class = PreTrainedConfig.get_choice_class(policy_type)
     hints = get_type_hints(config_class)
@@ -118,7 +111,7 @@ def test_every_field_is_left_alone_by_itself(policy_type):
             assert not differing(config, {name: value}), (name, value)
 
 
-@pytest.mark.parametrize("policy_type", TYPES[:3])
+@pytest.mark.parametrize("policy_type", TYPES)
 @pytest.mark.parametrize("execution", ["open_loop", "receding", "ensemble", "crossfade", "adaptive"])
 def test_a_single_action_and_a_mode_that_blends_contradict_each_other(policy_type, execution):
     given = {**SIZES[policy_type], "execution": execution, "n_action_steps": 1}
@@ -131,15 +124,8 @@ def test_a_single_action_and_a_mode_that_blends_contradict_each_other(policy_typ
     assert (alone.execution, alone.execution_settings.replan_interval) == ("open_loop", 1)
 
 
-def test_a_wrapper_observes_what_its_inner_policy_does():
-    inner = {"type": "act_chunked", **ACT, "n_obs_steps": 2}
-    assert TemporalEnsembleConfig(device="cpu", inner=inner).n_obs_steps == 2
-    with pytest.raises(ConfigurationError, match="n_obs_steps=1: the inner act_chunked observes 2 steps"):
-        TemporalEnsembleConfig(device="cpu", inner=inner, n_obs_steps=1)
-
-
 def test_the_law_sees_a_change():
-    config = make("act_chunked", {"chunk_size": 8})
-    config.chunk_size = 9
-    assert differing(config, {"chunk_size": 8, "dim_model": 256}) == {"chunk_size": 9}
+    config = make(TYPES[0], {"chunk_stride": 2})
+    config.chunk_stride = 3
+    assert differing(config, {"chunk_stride": 2, "use_ema": False}) == {"chunk_stride": 3}
     assert not same(math.nan, 0.1)

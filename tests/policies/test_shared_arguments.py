@@ -7,8 +7,8 @@ import draccus
 import pytest
 from command_line import Command
 from lerobot.configs import PreTrainedConfig
-
-OURS = ("act_chunked", "vqbet_chunked", "diffusion_chunked", "temporal_ensemble")
+from policy_cases import MODULES as OURS
+from policy_cases import of_every_type
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def test_no_choice_of_ours_restricts_a_field_of_lerobots(policies: dict[str, typ
         ("multi_task_dit", "objective", "diffusion"),
         ("act", "feedforward_activation", "glu"),
         ("diffusion", "prediction_type", "sample"),
-        ("diffusion_chunked", "objective", "two_step"),
+        *of_every_type("CHOICES"),
     ],
 )
 def test_every_policy_keeps_its_choices(policy: str, field: str, value: str) -> None:

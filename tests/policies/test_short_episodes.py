@@ -2,33 +2,15 @@
 
 import logging
 import re
-from types import SimpleNamespace
 
 import pytest
 from lerobot.configs import PreTrainedConfig
-from lerobot.policies.factory import get_policy_class
-from policy_cases import CASES, STATE, WRAPPED, A, B, Case
+from policy_cases import CASES, LENGTHS, A, B, of_every_type
+from short_runs import said, trained
 
 from lerobot_act_chunking.errors import ConfigurationError
 
-LONG = [
-    Case("act", "act_chunked", STATE, {"chunk_size": 12}),
-    Case("strided", "act_chunked", STATE, {"chunk_size": 6, "chunk_stride": 3, "actions_per_query": 2}),
-    Case("diffusion", "diffusion_chunked", STATE, {"horizon": 12}),
-    Case("past", "diffusion_chunked", STATE, {"align": "first_obs", "n_obs_steps": 2, "horizon": 12}),
-    Case("vqbet", "vqbet_chunked", STATE, {"chunk_size": 12}),
-    Case("seconds", "vqbet_chunked", STATE, {"chunk_size": None, "horizon_s": 1.2, "fps": 10}),
-]
-
-
-def trained(config, *lengths, **kwargs):
-    """The policy that LeRobot would make to train on episodes of these lengths."""
-    meta = SimpleNamespace(episodes={"length": list(lengths)}, fps=10, features={}, stats=None)
-    return get_policy_class(config.type)(config, dataset_meta=meta, **kwargs)
-
-
-def said(caplog):
-    return [record.message for record in caplog.records if "longest episode" in record.message]
+LONG = of_every_type("LONG")
 
 
 @pytest.fixture(params=LONG, ids=lambda case: case.name)
@@ -93,7 +75,7 @@ def test_the_weights_of_a_checkpoint_rule_out_another_length(long, caplog):
 
 
 def test_a_single_taught_step_is_executed_as_it_is():
-    config = Case("one", "act_chunked", STATE, {"chunk_size": 12}).config()
+    config = LONG[0].config()
     trained(config, 1)
     assert (config.n_action_steps, config.execution) == (1, "open_loop")
 
@@ -107,25 +89,10 @@ def test_episodes_as_long_as_a_chunk_change_nothing(case, caplog):
     assert not said(caplog)
 
 
-def test_a_wrapper_executes_no_more_either(caplog):
-    config = WRAPPED.config()
-    policy = trained(config, 4)
-    assert config.n_action_steps == 4
-    assert policy._action_queue.settings.n_action_steps == 4
-    assert any("temporal_ensemble" in line for line in said(caplog))
-
-
-def test_a_wrapper_keeps_what_was_asked_for(caplog):
-    config = WRAPPED.config(n_action_steps=5)
-    trained(config, 4)
-    assert config.n_action_steps == 5
-    assert any("n_action_steps=5 executes steps from 4 on" in line for line in said(caplog))
-
-
 def test_a_variant_is_what_the_given_settings_make():
-    config = LONG[0].config(dim_model=32)
+    config = LONG[0].config(use_ema=True)
     assert config.given("n_action_steps") is None
     assert config.variant() == config
-    assert config.variant(chunk_size=9).n_action_steps == 9
+    assert config.variant(**{LENGTHS[config.type]: 9}).n_action_steps == 9
     with pytest.raises(ConfigurationError, match="n_action_steps=13 exceeds"):
         config.variant(n_action_steps=13)

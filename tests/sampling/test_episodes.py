@@ -8,9 +8,9 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from policy_cases import of_every_type
 from tiers import draws
 
-from lerobot_act_chunking.policies.act_chunked.draws import ActingDraws
 from lerobot_act_chunking.sampling.episodes import Episodes
 from lerobot_act_chunking.sampling.held_draws import HeldDraws
 from lerobot_act_chunking.sampling.noise import NoiseHold, NoiseSource
@@ -47,20 +47,6 @@ class HeldNoise(Noise):
         return self.hold.draw(1, (N, 1), self.step, envs=[env])[0, :, 0]
 
 
-class Acting:
-    """`act_chunked`'s draws, the latent or the choices of actions."""
-
-    def __init__(self, seed, episodes, part, hold_steps=0.0):
-        self.part = part
-        self.draws = ActingDraws(seed, n_noise=N, draws_shape=(N,), hold_steps=hold_steps, episodes=episodes)
-
-    def reset(self, envs):
-        self.draws.reset(envs)
-
-    def draw(self, env):
-        return self.draws.draw(1, envs=[env])[self.part][0, 0]
-
-
 class Codes:
     """`vqbet_chunked`'s draws."""
 
@@ -78,11 +64,9 @@ class Codes:
 KINDS = {
     "noise": Noise,
     "held noise": HeldNoise,
-    "latents": lambda *args: Acting(*args, 0),
-    "held latents": lambda *args: Acting(*args, 0, math.inf),
-    "choices": lambda *args: Acting(*args, 1),
     "codes": lambda *args: Codes(*args, held=False),
     "held codes": lambda *args: Codes(*args, held=True),
+    **dict(of_every_type("STREAMS")),
 }
 
 
@@ -182,7 +166,7 @@ def test_streams_are_uncorrelated(kind):
             run.reset(None, [0, 1, 2, 2**32] if episode == 4 else None)
             rows += [run.act(env) for env in range(N_ENVS)]
     if kind in ("latents", "choices"):
-        other = Acting(0, Episodes(), 1 if kind == "latents" else 0)
+        other = KINDS["choices" if kind == "latents" else "latents"](0, Episodes())
         rows += [
             torch.special.ndtri(other.draw(env)) if kind == "latents" else other.draw(env) for env in (0, 1)
         ]

@@ -20,7 +20,6 @@ from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields
 from lerobot_act_chunking.policies.loading import LoadedPolicy, load_policy, read_config
-from lerobot_act_chunking.policies.temporal_ensemble.wrapping import load_wrapped
 
 # In radians; grippers (0 to 1) would drown them.
 _ARM_JOINTS = [i for i, name in enumerate(JOINT_NAMES) if not name.endswith("gripper")]
@@ -153,6 +152,8 @@ def load_for_execution(checkpoint: str) -> LoadedPolicy:
     """A checkpoint of any type as a policy whose execution can be changed; LeRobot's own are wrapped."""
     if isinstance(read_config(checkpoint), ExecutionFields):
         return load_policy(checkpoint)
+    from lerobot_act_chunking.policies.temporal_ensemble.wrapping import load_wrapped
+
     return load_wrapped(checkpoint)
 
 

@@ -63,8 +63,8 @@ def _check_choices(given: dict[str, Any]) -> None:
 
 def _execution_of(config: Any) -> dict[str, Any]:
     """The fields of `ExecutionSettings` that a policy's configuration implies."""
+    from lerobot_act_chunking.policies.chunk_length import chunk_length
     from lerobot_act_chunking.policies.execution_fields import ExecutionFields
-    from lerobot_act_chunking.policies.temporal_ensemble.inner import chunk_length
 
     if isinstance(config, ExecutionFields):
         execution = {field.name: getattr(config, field.name) for field in fields(ExecutionFields)}

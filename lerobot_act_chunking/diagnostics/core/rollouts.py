@@ -7,6 +7,7 @@ without a vector environment: finished episodes cost nothing, and one network ca
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from inspect import signature
 from typing import Any
 
 import gymnasium as gym
@@ -21,9 +22,7 @@ from lerobot_act_chunking.diagnostics.core.environments import EnvironmentConfig
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.executor import ChunkExecutor
-from lerobot_act_chunking.policies.chunked_policy import ChunkedPolicy
 from lerobot_act_chunking.policies.loading import LoadedPolicy
-from lerobot_act_chunking.policies.temporal_ensemble.modeling_temporal_ensemble import TemporalEnsemblePolicy
 
 OnStep = Callable[[int, int, Any], None]
 OnChunk = Callable[[Tensor, Tensor | None], None]
@@ -229,8 +228,8 @@ def _observed_chunks(policy: LoadedPolicy, group: list[_Episode], log_chunks: bo
 
 def reset_episodes(policy: PreTrainedPolicy, seeds: Sequence[int]) -> None:
     """Begin episodes with these seeds in the environments 0, 1, ...; LeRobot's policies do not take seeds."""
-    if isinstance(policy, ChunkedPolicy | TemporalEnsemblePolicy):
-        policy.reset(episode_seeds=seeds)
+    if "episode_seeds" in signature(policy.reset).parameters:
+        policy.reset(episode_seeds=seeds)  # pyright: ignore[reportCallIssue]
     else:
         policy.reset()
 

@@ -14,7 +14,7 @@ from lerobot_act_chunking.heads.spec import HeadSpec
 from lerobot_act_chunking.nn.latents.make import LATENTS
 from lerobot_act_chunking.nn.latents.spec import COMPONENT_WEIGHTS, LatentSpec
 from lerobot_act_chunking.policies.act_chunked.checks import check
-from lerobot_act_chunking.policies.act_chunked.presets import FORMER_NAMES, preset_values
+from lerobot_act_chunking.policies.act_chunked.presets import FORMER_NAMES, PRESETS, preset_values
 from lerobot_act_chunking.policies.choices import one_of
 from lerobot_act_chunking.policies.chunked_config import PRESET, ChunkedConfig
 
@@ -105,6 +105,7 @@ class ActChunkedConfig(ChunkedConfig):
 
     choices = {"feedforward_activation": ("relu", "gelu")}  # noqa: RUF012  (ClassVar in the base)
 
+    presets = PRESETS
     preset: str = "base"
     execution: Mode = PRESET
 

@@ -15,7 +15,7 @@ from lerobot_act_chunking.nn.denoisers.unet1d import SIZES
 from lerobot_act_chunking.policies.choices import one_of
 from lerobot_act_chunking.policies.chunked_config import PRESET, ChunkedConfig
 from lerobot_act_chunking.policies.diffusion_chunked.checks import check
-from lerobot_act_chunking.policies.diffusion_chunked.presets import preset_values
+from lerobot_act_chunking.policies.diffusion_chunked.presets import PRESETS, preset_values
 
 SamplerName = Literal["euler", "midpoint", "heun", "rk4", "ddim", "ddpm", "dpm++", "two_step"]
 Spacing = Literal["leading", "trailing", "linspace"]
@@ -102,6 +102,7 @@ class DiffusionChunkedConfig(ChunkedConfig):
         "beta_schedule": ("squaredcos_cap_v2", "linear", "scaled_linear"),
     }
 
+    presets = PRESETS
     preset: str = "base"
 
     objective: str = PRESET

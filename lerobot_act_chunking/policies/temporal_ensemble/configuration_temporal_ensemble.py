@@ -11,12 +11,12 @@ from lerobot.optim import LRSchedulerConfig, OptimizerConfig
 
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.settings import ExecutionSettings, Mode
+from lerobot_act_chunking.policies.chunk_length import chunk_length
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields, check_gripper_dims
 from lerobot_act_chunking.policies.field_checks import check_fields
 from lerobot_act_chunking.policies.push_check import ChecksPush
 from lerobot_act_chunking.policies.temporal_ensemble.inner import (
     DETERMINISTIC,
-    chunk_length,
     decode_inner,
     read_inner,
 )

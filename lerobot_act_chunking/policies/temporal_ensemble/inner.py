@@ -15,16 +15,12 @@ from lerobot.utils.import_utils import register_third_party_plugins
 
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 from lerobot_act_chunking.nn.vision.torchvision_models import NAMES, cached_weights
-from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
+from lerobot_act_chunking.policies.chunk_length import COUNTED_FROM_FIRST_OBSERVATION, chunk_length
 from lerobot_act_chunking.policies.loading import check_checkpoint
 
 WRAPPER = "temporal_ensemble"
 DETERMINISTIC = ("act", "act_chunked")
 """Types that predict one and the same chunk for one observation."""
-
-# What they call their longest chunk; diffusion and multi_task_dit count it from their first observation.
-_CHUNK_NAMES = ("chunk_size", "action_chunk_size", "action_horizon", "n_action_steps")
-_COUNTED_FROM_FIRST_OBSERVATION = ("diffusion", "multi_task_dit")
 
 # Types without chunks that could be combined, and why.
 _UNWRAPPABLE = {
@@ -116,28 +112,6 @@ def relative_actions(policy_type: str) -> ConfigurationError:
     )
 
 
-def chunk_length(config: PreTrainedConfig) -> int:
-    """How many control steps the longest chunk covers that this policy can predict.
-
-    Raises:
-        ConfigurationError: its configuration does not say.
-    """
-    if isinstance(config, ChunkedConfig):
-        return config.timing.control_steps
-    if config.type in _COUNTED_FROM_FIRST_OBSERVATION:
-        return config.horizon - config.n_obs_steps + 1  # pyright: ignore[reportAttributeAccessIssue]
-    if config.type == "tdmpc":  # its n_action_steps and n_action_repeats are its own execution
-        return config.horizon  # pyright: ignore[reportAttributeAccessIssue]
-    for name in _CHUNK_NAMES:
-        length = getattr(config, name, None)
-        if isinstance(length, int):
-            return length
-    raise ConfigurationError(
-        f"policies of type {config.type} cannot be wrapped: their settings have none of "
-        f"{', '.join(_CHUNK_NAMES)}, so they do not predict chunks of a known length"
-    )
-
-
 def check_downloads(config: PreTrainedConfig) -> None:
     """Refuse a fresh inner policy whose image backbone would be downloaded where that is not allowed.
 
@@ -168,7 +142,7 @@ def for_chunks(config: PreTrainedConfig, *, weights_follow: bool) -> PreTrainedC
     """
     config = copy.deepcopy(config)
     changes: dict[str, Any] = {}
-    if config.type in _COUNTED_FROM_FIRST_OBSERVATION:
+    if config.type in COUNTED_FROM_FIRST_OBSERVATION:
         changes["n_action_steps"] = chunk_length(config)
     if config.type == "act":
         changes["temporal_ensemble_coeff"] = None

@@ -18,12 +18,12 @@ from lerobot_act_chunking.policies import late_chunks
 from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.chunked_policy import ChunkedPolicy, indices
 from lerobot_act_chunking.policies.model_card import WithModelCard
-from lerobot_act_chunking.policies.short_episodes import limit_execution
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
     TemporalEnsembleConfig,
 )
 from lerobot_act_chunking.policies.temporal_ensemble.inner import check_downloads, for_chunks
 from lerobot_act_chunking.policies.temporal_ensemble.observations import Batch, InnerObservations, private
+from lerobot_act_chunking.policies.temporal_ensemble.short_episodes import limit_execution
 
 RTC_ARGUMENTS = ("inference_delay", "prev_chunk_left_over")
 

@@ -15,7 +15,7 @@ from lerobot_act_chunking.execution.settings import Mode
 from lerobot_act_chunking.policies.choices import one_of
 from lerobot_act_chunking.policies.chunked_config import PRESET, ChunkedConfig
 from lerobot_act_chunking.policies.vqbet_chunked.checks import check
-from lerobot_act_chunking.policies.vqbet_chunked.presets import preset_values
+from lerobot_act_chunking.policies.vqbet_chunked.presets import PRESETS, preset_values
 from lerobot_act_chunking.policies.vqbet_chunked.schedule import (
     TokenizerThenPolicySchedulerConfig,
     steps_left,
@@ -90,6 +90,7 @@ class VqbetChunkedConfig(ChunkedConfig):
         ConfigurationError: on construction, naming the setting that cannot work.
     """
 
+    presets = PRESETS
     preset: str = "base"
 
     n_obs_steps: int = PRESET

@@ -13,20 +13,19 @@ from lerobot.datasets import factory
 from lerobot.datasets.dataset_reader import DatasetReader
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot_sets import REPO_ID
+from policy_cases import any_config
 
 from lerobot_act_chunking import compat
 from lerobot_act_chunking.data import fast_chunks
 from lerobot_act_chunking.data.fast_chunks.dataset import FastChunkDataset
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
 
 pytestmark = pytest.mark.usefixtures("stock_factory")
 
 
 def config(root, **policy) -> TrainPipelineConfig:
     source = DatasetConfig(REPO_ID, root=str(root), video_backend="pyav")
-    ours = ActChunkedConfig(chunk_size=3, device="cpu", push_to_hub=False, **policy)
-    return TrainPipelineConfig(source, policy=ours)
+    return TrainPipelineConfig(source, policy=any_config(**policy))
 
 
 @pytest.mark.parametrize(

@@ -17,12 +17,12 @@ from lerobot.datasets import dataset_metadata, factory
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.policies.act.configuration_act import ACTConfig
 from lerobot_sets import REPO_ID
+from policy_cases import any_config
 
 from lerobot_act_chunking.data.fast_chunks.checks import with_checks
 from lerobot_act_chunking.data.fast_chunks.dataset import FastChunkDataset
 from lerobot_act_chunking.data.fast_chunks.reading import with_reading
 from lerobot_act_chunking.errors import DatasetError
-from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
 
 
 @pytest.fixture(autouse=True)
@@ -34,7 +34,7 @@ def offline(monkeypatch):
     monkeypatch.setattr(factory, "resolve_delta_timestamps", with_reading(resolve))
 
 
-OURS = ActChunkedConfig(chunk_size=3, device="cpu")
+OURS = any_config()
 THEIRS = ACTConfig(chunk_size=3, n_action_steps=3, device="cpu")
 
 
@@ -144,7 +144,7 @@ def test_a_dataset_without_statistics_is_refused(damage):
     )
     assert len(make(root, THEIRS)) == 17
     raw = dict.fromkeys(("STATE", "ACTION"), NormalizationMode.IDENTITY)
-    assert len(make(root, ActChunkedConfig(chunk_size=3, device="cpu", normalization_mapping=raw))) == 17
+    assert len(make(root, any_config(normalization_mapping=raw))) == 17
 
 
 def test_a_feature_without_statistics_is_named(damage):

@@ -3,17 +3,14 @@
 import json
 
 import pytest
-from lerobot.configs import FeatureType, PolicyFeature
+from lerobot.configs import FeatureType, PolicyFeature, PreTrainedConfig
 from lerobot.policies.act.configuration_act import ACTConfig
 from lerobot.policies.vqbet.configuration_vqbet import VQBeTConfig
+from policy_cases import LENGTHS, TYPES
 
 from lerobot_act_chunking.diagnostics.bandwidth.source import read_source
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.settings import ExecutionSettings
-from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
-from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
-    TemporalEnsembleConfig,
-)
 
 FEATURES = {
     "input_features": {"observation.state": PolicyFeature(FeatureType.STATE, (6,))},
@@ -21,6 +18,12 @@ FEATURES = {
     "device": "cpu",
     "push_to_hub": False,
 }
+
+
+def ours(chunk_size, **settings):
+    return PreTrainedConfig.get_choice_class(TYPES[0])(
+        **{LENGTHS[TYPES[0]]: chunk_size}, **settings, **FEATURES
+    )
 
 
 def saved(config, folder):
@@ -64,27 +67,20 @@ def test_an_ensemble_of_one_is_open_loop(options, weights):
 
 
 def test_reads_the_execution_of_our_policies(tmp_path):
-    config = ActChunkedConfig(chunk_size=20, n_action_steps=16, execution="crossfade", **FEATURES)
+    config = ours(20, n_action_steps=16, execution="crossfade")
     source = read_source(saved(config, tmp_path), {})
     assert source.settings == config.execution_settings
-    assert (source.policy_type, source.checkpoint) == ("act_chunked", str(tmp_path))
+    assert (source.policy_type, source.checkpoint) == (TYPES[0], str(tmp_path))
     assert settings_of(config, tmp_path, replan_interval=3).replan_interval == 3
 
 
 def test_a_strided_chunk_counts_control_steps(tmp_path):
-    config = ActChunkedConfig(chunk_size=5, chunk_stride=4, **FEATURES)
+    config = ours(5, chunk_stride=4)
     assert settings_of(config, tmp_path).chunk_size == 17
 
 
 def test_another_mode_keeps_the_chunk_and_forgets_the_rest(tmp_path):
-    config = ActChunkedConfig(
-        chunk_size=20,
-        n_action_steps=16,
-        execution="crossfade",
-        replan_interval=6,
-        latency_steps=2,
-        **FEATURES,
-    )
+    config = ours(20, n_action_steps=16, execution="crossfade", replan_interval=6, latency_steps=2)
     asked = settings_of(config, tmp_path, temporal_ensemble_coeff=0.05)
     assert asked == ensemble(20, 4, "act", 0.05, n_action_steps=16, latency_steps=2)
     shorter = settings_of(config, tmp_path, execution="open_loop", n_action_steps=8, latency_steps=0)
@@ -92,9 +88,7 @@ def test_another_mode_keeps_the_chunk_and_forgets_the_rest(tmp_path):
 
 
 def test_an_option_replaces_the_weighting_and_its_coefficient(tmp_path):
-    config = ActChunkedConfig(
-        chunk_size=20, execution="ensemble", temporal_ensemble_coeff=0.3, replan_interval=4, **FEATURES
-    )
+    config = ours(20, execution="ensemble", temporal_ensemble_coeff=0.3, replan_interval=4)
     assert settings_of(config, tmp_path, ensemble_weighting="uniform") == ensemble(20, 4, "uniform", 0.0)
     assert settings_of(config, tmp_path, temporal_ensemble_coeff=0.2) == ensemble(20, 4, "act", 0.2)
     assert settings_of(config, tmp_path, chunk_size=12) == ensemble(12, 4, "act", 0.3)
@@ -112,12 +106,6 @@ def test_reads_lerobots_queues(tmp_path):
     images = {"observation.images.top": PolicyFeature(FeatureType.VISUAL, (3, 96, 96))}
     vqbet = VQBeTConfig(**{**FEATURES, "input_features": FEATURES["input_features"] | images})
     assert settings_of(vqbet, tmp_path) == ExecutionSettings(vqbet.action_chunk_size)
-
-
-def test_reads_a_wrapper(tmp_path):
-    inner = {"type": "act", "chunk_size": 20, "n_action_steps": 20, "device": "cpu", "push_to_hub": False}
-    config = TemporalEnsembleConfig(inner=inner, replan_interval=4, latency_steps=2, **FEATURES)
-    assert settings_of(config, tmp_path) == ensemble(20, 4, "act", 0.01, latency_steps=2)
 
 
 def test_a_missing_checkpoint_is_named(tmp_path):

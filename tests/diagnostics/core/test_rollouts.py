@@ -7,7 +7,8 @@ import pytest
 import torch
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.scripts.lerobot_eval import rollout as lerobot_rollout
-from small_policies import CAMERA, CHUNK, JOINTS, START, make_policy
+from policy_cases import MODULES
+from small_policies import CAMERA, CHUNK, JOINTS, OURS, START, make_policy
 
 from lerobot_act_chunking.diagnostics.core.environments import environment_for
 from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
@@ -43,8 +44,8 @@ def by_lerobot(policy: LoadedPolicy, env_config: AlohaSimEnvConfig, seeds) -> di
 @pytest.mark.parametrize(
     ("type_", "settings"),
     [
-        ("act_chunked", {"n_action_steps": 5}),
-        ("act_chunked", {"execution": "ensemble", "replan_interval": 3, "temporal_ensemble_coeff": 0.1}),
+        (OURS, {"n_action_steps": 5}),
+        (OURS, {"execution": "ensemble", "replan_interval": 3, "temporal_ensemble_coeff": 0.1}),
         ("act", {"n_action_steps": 5, "dropout": 0.0}),
     ],
 )
@@ -187,14 +188,14 @@ def test_groups_of_environments_reuse_worlds_and_report_progress():
 
 def test_what_a_policy_draws_follows_from_the_episodes_seed():
     """Whatever runs beside it or before it, and at any place in the batch."""
-    policy = make_policy(use_vae=True, z_inference="sample", n_action_steps=5)
+    drawing = {**MODULES[OURS].DRAWING, "n_action_steps": 5}
+    policy = make_policy(**drawing)
     together = roll_out(policy, short(), SEEDS)
     other_way = roll_out(policy, short(), SEEDS[::-1], n_envs=2)[::-1]
     for one, other in zip(other_way, together, strict=True):
         np.testing.assert_allclose(one.commands, other.commands, atol=1e-5)
-    policy.policy.config.z_inference = "mode"
-    without = roll_out(policy, short(), SEEDS)
-    assert np.abs(without[0].commands - together[0].commands).max() > 1e-3
+    otherwise = roll_out(make_policy(**drawing, noise_seed=1), short(), SEEDS)
+    assert np.abs(otherwise[0].commands - together[0].commands).max() > 1e-3
 
 
 @pytest.mark.parametrize(("seeds", "n_envs"), [((), 3), ((1000,), 0)])

@@ -122,3 +122,18 @@ def test_a_density_that_leans_keeps_its_correlations():
 def test_too_few_demonstrations_for_a_density():
     with pytest.raises(DatasetError, match="7 encoded demonstrations are too few for a density over 3 dim"):
         fit_density(styles(n=7), seed=0)
+
+
+def test_styles_are_far_in_units_of_each_dimension():
+    """What is outside does not change with the units of a dimension."""
+    rng = np.random.default_rng(0)
+    z, drawn = rng.normal(size=(600, 2)), rng.normal(size=(400, 2))
+    drawn[:100, 1] += 8  # outside, in the dimension that the second case shrinks
+    episode = np.arange(600) // 60
+    shares = []
+    for units in ([1.0, 1.0], [50.0, 0.5]):
+        mean = z * units
+        encoded = Encoded(mean=mean, divergence=np.ones((600, 2)), z=mean, prior=mean, mode=0 * mean)
+        shares.append(share_outside(drawn * units, encoded, episode))
+    assert shares[0] == pytest.approx(shares[1])
+    assert shares[0] == pytest.approx(0.25, abs=0.05)

@@ -130,3 +130,11 @@ def test_silhouette_of_a_small_example():
     apart = np.abs(np.subtract.outer([0.0, 1.0, 10.0, 12.0], [0.0, 1.0, 10.0, 12.0]))
     expected = np.mean([1 - 1 / 11, 1 - 1 / 10, 1 - 2 / 9.5, 1 - 2 / 11.5])
     assert silhouette(apart, np.array([0, 0, 1, 1])) == pytest.approx(expected)
+
+
+def test_the_spread_of_few_samples_is_unbiased():
+    """Two samples at -1 and 1 come from a variance of 2, as the mean of many such pairs has it."""
+    pair = np.array([-1.0, 1.0]).reshape(2, 1, 1, 1)
+    assert spread(pair)[0] == pytest.approx(np.sqrt(2))
+    modes = np.concatenate((pair, pair + 50))
+    assert spread(modes, np.array([0, 0, 1, 1]))[0] == pytest.approx(np.sqrt(2))

@@ -50,3 +50,9 @@ def test_samples_are_repeated_one_after_the_other():
     made = plan([[True] * 7], horizon=2).repeat(3)
     assert made.actions[:, 0, 0].tolist() == [0, 7, 0, 7, 0, 7]
     assert made.covered.shape == (6, 2)
+
+
+def test_the_first_prediction_behind_the_delay_is_not_frozen():
+    steps = torch.arange(14.0).reshape(2, 7, 1)
+    plan = Plan.from_steps(steps, torch.ones(1, 7, dtype=torch.bool), horizon=5, chunk_stride=1, delay=2)
+    assert plan.frozen.tolist() == [[True, True, False, False, False]] * 2

@@ -2,7 +2,7 @@
 
 import torch
 from lerobot.configs import FeatureType, PolicyFeature, PreTrainedConfig
-from wrapped_cases import ACT, ACTIONS, CODES, DIFFUSION_CAMERA, FLOW, OURS, STATE, VQBET, A, B
+from wrapped_cases import ACTIONS, CASES, STATE, A, B
 
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
     TemporalEnsembleConfig,
@@ -20,7 +20,7 @@ TDMPC = {
     "cem_iterations": 2,
 }
 OWN_BACKBONE = {"pretrained_backbone_weights": None}
-SMALL = {case.type: case.inner for case in (ACT, CODES, DIFFUSION_CAMERA, FLOW, OURS, VQBET)}
+SMALL = {case.type: case.inner for case in CASES.values()}
 SMALL = {name: {**settings, **OWN_BACKBONE} for name, settings in SMALL.items()} | {"tdmpc": TDMPC}
 IN_THE_GATE = ("act", "tdmpc", "vqbet_chunked")
 UNWRAPPABLE = {

@@ -11,6 +11,7 @@ from lerobot.policies.diffusion.configuration_diffusion import DiffusionConfig
 from lerobot.policies.multi_task_dit.configuration_multi_task_dit import MultiTaskDiTConfig
 from lerobot.policies.smolvla.configuration_smolvla import SmolVLAConfig
 from lerobot.policies.vqbet.configuration_vqbet import VQBeTConfig
+from policy_cases import TYPES, of_every_type
 from wrapped_cases import ACT, CASES, DIFFUSION, OURS
 
 from lerobot_act_chunking.errors import ConfigurationError
@@ -155,13 +156,22 @@ def test_the_inner_policys_device_and_precision_are_taken_over(tmp_path):
         ({"inner": {"type": "act", "chunksize": 4}}, r"\(act\).*chunksize"),
         ({"inner": {"type": "act", "chunk_size": "many"}}, r"\(act\).*many"),
         ({"inner": {"type": "act", "chunk_size": 4}}, r"\(act\).*upper bound"),
-        ({"inner": {"type": "act_chunked", "dim_model": 30}}, r"\(act_chunked\).*divisible by n_heads"),
+        *(
+            ({"inner": {"type": name, **settings}}, rf"\({name}\).*divisible by {divisor}")
+            for name, settings, _, divisor in of_every_type("INDIVISIBLE")
+        ),
         ({"inner": {"type": "temporal_ensemble", "inner": {}}}, "itself a temporal_ensemble"),
         ({"inner": {"type": "act", "use_peft": True}}, "PEFT adapter: merge it"),
         ({"inner": {"type": "pi0", "use_relative_actions": True}}, "anchored to another state"),
         ({"inner_path": "./nowhere"}, "there is no checkpoint at ./nowhere"),
         ({"inner": ACT.inner, "execution": "coherence"}, "inner act always predicts the same one"),
-        ({"inner": OURS.inner, "execution": "coherence"}, "inner act_chunked always predicts"),
+        *(
+            (
+                {"inner": {"type": name}, "execution": "coherence"},
+                f"inner {name} always predicts the same one",
+            )
+            for name in {"act_chunked"} & set(TYPES)
+        ),
         ({"inner": ACT.inner, "n_action_steps": 10}, "n_action_steps=10 exceeds the 9 control steps"),
         ({"inner": DIFFUSION.inner, "n_obs_steps": 3}, "n_obs_steps=3: the inner diffusion observes 2 steps"),
         ({"inner": ACT.inner, "replan_interval": 9}, "needs overlapping chunks: replan_interval=9"),

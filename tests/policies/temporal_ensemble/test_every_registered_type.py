@@ -5,6 +5,7 @@ import inspect
 import pytest
 import torch
 from lerobot.policies.factory import get_policy_class, make_policy_config, make_pre_post_processors
+from policy_cases import TYPES as OURS
 from registered_types import (
     IN_THE_GATE,
     SMALL,
@@ -68,7 +69,7 @@ def test_a_tdmpc_without_a_planner_has_no_chunks():
         make_policy_config("temporal_ensemble", inner={"type": "tdmpc", "use_mpc": False})
 
 
-@pytest.mark.parametrize("name", ["act_chunked", "diffusion_chunked", "vqbet_chunked"])
+@pytest.mark.parametrize("name", OURS)
 def test_lerobot_finds_our_classes_by_their_names(name):
     policy_class = get_policy_class(name)
     assert policy_class.name == name

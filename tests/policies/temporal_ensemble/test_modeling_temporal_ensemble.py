@@ -212,7 +212,7 @@ def test_sample_weighting_needs_losses_per_sample():
 
 
 def test_the_average_of_the_weights_is_updated():
-    case = type(OURS)("act_chunked", OURS.inputs, {**OURS.settings, "use_ema": True}, 10, 5)
+    case = type(OURS)(OURS.type, OURS.inputs, {**OURS.settings, "use_ema": True}, 10, 5)
     policy = case.wrapped()
     policy.update()
     assert policy.inner.ema.step == 1

@@ -6,11 +6,9 @@ from typing import Any
 import torch
 from lerobot.configs import FeatureType, PolicyFeature, PreTrainedConfig
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
+from policy_cases import LENGTHS, MODULES, SIZES, TYPES
 from torch import Tensor
 
-import lerobot_act_chunking.policies.act_chunked.configuration_act_chunked
-import lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked
-import lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked  # noqa: F401  (register)
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
     TemporalEnsembleConfig,
 )
@@ -119,10 +117,18 @@ ACT = Case(
     chunk_size=9,
     executes=5,
 )
+_FIRST = TYPES[0]
 OURS = Case(
-    "act_chunked",
+    _FIRST,
     STATE | ENVIRONMENT,
-    {**SMALL, "chunk_size": 4, "chunk_stride": 3, "n_action_steps": 5, "execution": "open_loop"},
+    {
+        **SIZES[_FIRST],
+        **MODULES[_FIRST].DETERMINISTIC,
+        LENGTHS[_FIRST]: 4,
+        "chunk_stride": 3,
+        "n_action_steps": 5,
+        "execution": "open_loop",
+    },
     chunk_size=10,
     executes=5,
 )
@@ -213,9 +219,8 @@ VQBET = Case(
 CASES = {
     "act": ACT,
     "ours": OURS,
-    "flow": FLOW,
-    "codes": CODES,
     "diffusion": DIFFUSION,
     "camera": DIFFUSION_CAMERA,
     "vqbet": VQBET,
+    **{name: case for name, case in (("flow", FLOW), ("codes", CODES)) if case.type in TYPES},
 }

@@ -1,5 +1,6 @@
 """Tokenizer files: what they hold, and policies that they do not fit."""
 
+import os
 from dataclasses import replace
 
 import pytest
@@ -17,6 +18,7 @@ from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import (
     load_tokenizer,
     read_info,
     save_tokenizer,
+    write_atomically,
 )
 from lerobot_act_chunking.tokenizers.make import make_tokenizer
 from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
@@ -142,3 +144,20 @@ def test_another_normalisation_is_refused():
         message = rf"trained on demos \(norm_std_floor=0.01\), where '{name}' of action 1 is .*: train"
         with pytest.raises(ConfigurationError, match=message):
             check_normalization(INFO, "MEAN_STD", {**STATISTICS, name: values})
+
+
+def test_a_tokenizer_file_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch):
+    path = tmp_path / "tokenizer.safetensors"
+    write_atomically(path, b"the old one")
+    in_place = []
+
+    def crash(_):
+        in_place.append(path.read_bytes())
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "fsync", crash)
+    with pytest.raises(KeyboardInterrupt):
+        write_atomically(path, b"the new one")
+    assert in_place == [b"the old one"]
+    assert path.read_bytes() == b"the old one"
+    assert list(tmp_path.iterdir()) == [path]

@@ -1,6 +1,7 @@
 import itertools
 import math
 
+import numpy as np
 import torch
 
 from lerobot_act_chunking.policies.act_chunked.draws import ActingDraws
@@ -75,3 +76,17 @@ def test_another_number_of_samples_draws_another_latent():
     draws = make(math.inf)
     assert draws.draw(B, n_samples=N).latent.shape == (N, B, L)
     assert draws.draw(B).latent.shape == (1, B, L)
+
+
+def test_choices_do_not_follow_the_latents():
+    """Uniforms and normals of one stream are functions of the same bits."""
+    source = ActingDraws(3, n_noise=4000, draws_shape=(4000,), hold_steps=0)
+    latent, actions = source.draw(1)
+    generator = torch.Generator()
+    (own,) = source._latents.source.generators(1, [0])
+    generator.manual_seed(own.initial_seed())
+    generator_of_choices = source._choices.source.generators(1, [0])[0]
+    assert generator_of_choices.initial_seed() != own.initial_seed()
+    same_stream = torch.rand(4000, generator=generator)
+    assert abs(np.corrcoef(actions.ravel(), same_stream)[0, 1]) < 0.1
+    assert abs(np.corrcoef(actions.ravel(), latent.ravel())[0, 1]) < 0.1

@@ -139,3 +139,8 @@ def test_saved_and_loaded_it_is_the_same(tmp_path):
     made = with_features(objective="ddpm", denoiser="unet1d", horizon=16, warm_start="rtc")
     made.save_pretrained(tmp_path)
     assert PreTrainedConfig.from_pretrained(tmp_path) == made
+
+
+def test_seconds_do_not_count_predictions_before_the_current_step():
+    made = config(preset="paper", fps=10, horizon_s=1.5, n_action_steps=8)
+    assert (made.n_obs_steps, made.horizon, made.timing.chunk_size) == (2, 16, 15)
