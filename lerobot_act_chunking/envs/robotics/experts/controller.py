@@ -23,18 +23,34 @@ Observation = Mapping[str, np.ndarray]
 
 @dataclass(frozen=True)
 class Style:
-    """How one episode is moved: the pace, and the shift [m] (3,) of its free way-point."""
+    """How one episode is moved.
+
+    Attributes:
+        speed: its pace.
+        shift: (3,) of its free way-point [m].
+        overshoot: by how much a movement goes too far, as a share of what is left of it at each step.
+    """
 
     speed: float
     shift: np.ndarray
+    overshoot: float = 0.0
 
 
 @dataclass(frozen=True)
 class Move:
-    """An action (4,), and what an expert that pauses here does meanwhile, None where there is no pause."""
+    """An action, and what an expert does here that pauses or errs.
+
+    Attributes:
+        action: (4,).
+        pause: (4,) what is done in a pause before a contact; None where there is no contact.
+        pause_after: (4,) the same right after one.
+        misses: whether fingers that close now would close on nothing, right above what they are to grasp.
+    """
 
     action: np.ndarray
     pause: np.ndarray | None = None
+    pause_after: np.ndarray | None = None
+    misses: bool = False
 
 
 Controller = Callable[[Observation, Style], Move]
@@ -43,7 +59,7 @@ Controller = Callable[[Observation, Style], Move]
 def toward(target: np.ndarray, observation: Observation, style: Style) -> np.ndarray:
     """The arm's part (3,) of the action that leads straight to ``target``, slowing down before it."""
     pace = _NOMINAL * style.speed
-    way = pace * (target - observation["grip_pos"]) / FULL_ACTION
+    way = pace * (1 + style.overshoot) * (target - observation["grip_pos"]) / FULL_ACTION
     return way * min(1.0, pace / max(np.abs(way).max(), 1e-9))
 
 
