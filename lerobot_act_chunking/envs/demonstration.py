@@ -63,7 +63,7 @@ class ExpertOptions:
     dropped_frames: float = 0.0
 
     def settings(self) -> dict[str, float]:
-        """As a recording keeps them: its first four always, the others, which are younger, where they are set."""
+        """As a recording keeps them: the first four always, the others, which are younger, where set."""
         kept = ("speed", "waypoint_noise", "action_noise", "dwell")
         return {
             entry.name: value
@@ -78,7 +78,7 @@ class ExpertOptions:
         return seconds * float(np.exp(self.dwell_spread * rng.standard_normal()))
 
     def hand(self, shape: tuple[int, int], rng: np.random.Generator, *, period: float) -> np.ndarray:
-        """What the hand adds (T, D) to the actions: its noise and its tremor; draws nothing where both are 0."""
+        """What the hand adds (T, D) to the actions: noise and tremor; draws nothing where both are 0."""
         noise = np.zeros(shape)
         if self.hand_noise > 0:
             noise += correlated_noise(shape, self.hand_noise, rng, period=period)
@@ -119,6 +119,6 @@ def tremor(shape: tuple[int, int], scale: float, rng: np.random.Generator, *, pe
 
 
 def wandering_pace(times: np.ndarray, change: float, rng: np.random.Generator) -> np.ndarray:
-    """Factors (T,) of the pace at evenly spaced ``times`` [s]; their logarithm wanders with this deviation."""
+    """Factors (T,) of the pace at evenly spaced ``times`` [s]; ``change`` is their logarithm's deviation."""
     noise = correlated_noise((len(times), 1), change, rng, period=(times[1] - times[0]) / _PACE_SLOWNESS)
     return np.exp(noise[:, 0])

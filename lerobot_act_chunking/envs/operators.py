@@ -139,7 +139,13 @@ OPERATORS: Mapping[str, Operator] = {
     ),
     # A hand that is not calm.
     "shaky": Operator(
-        pace=1.05, pace_spread=0.05, dwell=0.1, waypoint_noise=0.01, hand_noise=0.1, tremor=0.1, idle_start=0.1
+        pace=1.05,
+        pace_spread=0.05,
+        dwell=0.1,
+        waypoint_noise=0.01,
+        hand_noise=0.1,
+        tremor=0.1,
+        idle_start=0.1,
     ),
     # Misses grasps and tries again; the recording misses frames.
     "clumsy": Operator(
@@ -166,7 +172,13 @@ OPERATORS: Mapping[str, Operator] = {
     ),
     # Comes from either side.
     "two_sided": Operator(
-        pace=1.1, pace_spread=0.08, waypoint_noise=0.01, detour=0.08, left_share=0.5, dwell=0.05, hand_noise=0.03
+        pace=1.1,
+        pace_spread=0.08,
+        waypoint_noise=0.01,
+        detour=0.08,
+        left_share=0.5,
+        dwell=0.05,
+        hand_noise=0.03,
     ),
 }
 """The people, by name."""
