@@ -128,4 +128,6 @@ def _run(spec: Any) -> None:
         f"{'was already complete' if result.already_complete else 'recorded'}: {result.episodes} episodes, "
         f"{result.frames} frames; the expert succeeded in {result.episodes} of {result.attempts} attempts"
     )
+    for operator, (discarded, attempts) in result.operators.items():
+        console.print(f"{operator}: {discarded} of {attempts} attempts discarded", highlight=False)
     console.print(f"dataset: {result.root}", soft_wrap=True, highlight=False)

@@ -16,6 +16,7 @@ from lerobot_act_chunking.envs.options import ObservationOptions
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.recording.episode import DatasetFormat, Episode
 from lerobot_act_chunking.recording.lossless import LosslessEncoder
+from lerobot_act_chunking.recording.summary import operator_of
 
 # The environments' observations, named and ordered as LeRobot's preprocessing names them in evaluation.
 _FEATURES = {
@@ -130,7 +131,7 @@ class SimulatedSource(ABC):
 
     def operator_of(self, seed: int) -> str | None:
         """Who demonstrates the episode of ``seed``; None if nobody in particular."""
-        return self.operators[seed % len(self.operators)] if self.operators else None
+        return operator_of(self.operators, seed) if self.operators else None
 
     def options_of(self, seed: int) -> ExpertOptions:
         """How the episode of ``seed`` is demonstrated."""
