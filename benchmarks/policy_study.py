@@ -191,12 +191,14 @@ class Study:
         recordings: folder of the demonstrations, which are made first where they are not there yet.
         variants: the policies, by their names in runs.
         console: to print to.
+        operators: who demonstrates; the expert as it is if nobody.
     """
 
     folder: Path
     recordings: Path
     variants: Mapping[str, Variant]
     console: Console
+    operators: tuple[str, ...] = ()
 
     def cells(self, runs: Iterable[Run], episodes: int) -> list[Cell]:
         """The cells of these runs, made where they are not there yet."""
@@ -207,7 +209,7 @@ class Study:
         cell = results.get(asked)
         if cell is None:
             variant = self.variants[asked.variant]
-            recording = Recording(self.recordings, asked.task, variant.velocity)
+            recording = Recording(self.recordings, asked.task, variant.velocity, self.operators)
             recording.record(self.console)
             training = Training(results.path(asked).parent, variant, asked.seed, recording)
             training.train(self.console)

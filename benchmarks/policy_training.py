@@ -55,11 +55,19 @@ class Variant:
 
 @dataclass(frozen=True)
 class Recording:
-    """Demonstrations of a task by its expert, made where they are missing: 50 of ALOHA's, 100 of others."""
+    """Demonstrations of a task, made where they are missing: 50 of ALOHA's, 100 of others.
+
+    Attributes:
+        folder: of all tasks.
+        task: which.
+        velocity: observe velocities, too.
+        operators: who demonstrates; the expert as it is if nobody.
+    """
 
     folder: Path
     task: str
     velocity: bool = False
+    operators: tuple[str, ...] = ()
 
     @property
     def dataset(self) -> Path:
@@ -80,6 +88,7 @@ class Recording:
             *("act-chunking", "record", "--env", env, "--task", self.task, "--episodes", str(episodes)),
             *("--repo-id", self.repo_id, "--root", str(self.dataset), "--workers", "2"),
             "--velocity" if self.velocity else "--no-velocity",
+            *(("--operators", ",".join(self.operators)) if self.operators else ()),
         ]
 
 

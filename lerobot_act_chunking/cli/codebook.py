@@ -59,7 +59,7 @@ def codebook_command(
         chunk_stride=chunk_stride,
         steps=steps,
         seed=seed,
-        thresholds=Thresholds.losing(max_lost),
+        thresholds=Thresholds.with_max_lost(max_lost),
     )
     with nullcontext() if settings.compares else shown("coding demonstrations"):
         report = diagnose(settings, lambda candidates: track(candidates, "fitting", transient=True))

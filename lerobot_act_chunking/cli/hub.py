@@ -100,7 +100,7 @@ def delete(
 ) -> None:
     """Delete a repository, one revision, or its unnamed history; files that other revisions show stay."""
     from lerobot_act_chunking.errors import ConfigurationError
-    from lerobot_act_chunking.hub.collecting import delete_history, delete_revision
+    from lerobot_act_chunking.hub.garbage_collection import delete_history, delete_revision
 
     if history and revision is not None:
         raise ConfigurationError("--history and --revision exclude each other")
@@ -126,7 +126,7 @@ def publish(
     """Push a repository's tags and newest revision to the real Hugging Face Hub, which needs a login."""
     from huggingface_hub import HfApi
 
-    from lerobot_act_chunking.hub.sharing import publish
+    from lerobot_act_chunking.hub.upload import publish
 
     # This process never called install(), so HfApi speaks to the real Hub although the variable is set.
     for address in publish(_repository(folder, kind, repo_id), HfApi(), repo_id=to, private=private):

@@ -27,7 +27,7 @@ def whole_numbers(text: str, refusal: Exception, *, gaps: bool = False) -> tuple
         raise refusal from None
 
 
-def asked_numbers(name: str, text: str | None, example: str = "2,5,10") -> tuple[int, ...]:
+def parse_numbers(name: str, text: str | None, example: str = "2,5,10") -> tuple[int, ...]:
     """Numbers with commas between them, of the option ``name``; none if it was not given.
 
     Raises:

@@ -50,6 +50,15 @@ def record_command(
         ),
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the first episode; lerobot-eval begins at 1000.")] = 0,
+    operators: Annotated[
+        str,
+        typer.Option(
+            "--operators",
+            "--operator",
+            help="Who demonstrates, in turn: steady, unhurried, brisk, hesitant, shaky, clumsy, remote, "
+            "two_sided; as in brisk,shaky. \\[default: the expert, with the options below]",
+        ),
+    ] = "",
     speed: Annotated[float, typer.Option(help="The expert's pace, 1 is nominal.")] = 1.0,
     waypoint_noise: Annotated[float, typer.Option(help="Random shift of free way-points, std \\[m].")] = 0.0,
     action_noise: Annotated[
@@ -80,16 +89,21 @@ def record_command(
             episodes=episodes,
             obs=obs,
             velocity=velocity,
-            cameras=tuple(name.strip() for name in cameras.split(",") if name.strip()),
+            cameras=_names(cameras),
             image_height=image_height,
             image_width=image_width,
             render_quality=render_quality,
             success=success,
             seed=seed,
             expert=ExpertOptions(speed, waypoint_noise, action_noise, dwell),
+            operators=_names(operators),
             workers=workers,
         )
     )
+
+
+def _names(listed: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in listed.split(",") if name.strip())
 
 
 def _run(spec: Any) -> None:
@@ -114,4 +128,6 @@ def _run(spec: Any) -> None:
         f"{'was already complete' if result.already_complete else 'recorded'}: {result.episodes} episodes, "
         f"{result.frames} frames; the expert succeeded in {result.episodes} of {result.attempts} attempts"
     )
+    for operator, (discarded, attempts) in result.operators.items():
+        console.print(f"{operator}: {discarded} of {attempts} attempts discarded", highlight=False)
     console.print(f"dataset: {result.root}", soft_wrap=True, highlight=False)

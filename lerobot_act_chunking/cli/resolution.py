@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from lerobot_act_chunking.cli.options import Json, Picture, asked_numbers
+from lerobot_act_chunking.cli.options import Json, Picture, parse_numbers
 from lerobot_act_chunking.cli.progress import shown
 from lerobot_act_chunking.cli.reporting import finish
 
@@ -39,17 +39,17 @@ def resolution_command(
     """
     from lerobot_act_chunking.diagnostics.resolution.diagnosis import diagnose
     from lerobot_act_chunking.diagnostics.resolution.plots import plot_report
-    from lerobot_act_chunking.diagnostics.resolution.settings import Question, Settings
+    from lerobot_act_chunking.diagnostics.resolution.settings import Criteria, Settings
     from lerobot_act_chunking.diagnostics.resolution.terminal import print_report
 
-    question = Question(
+    criteria = Criteria(
         horizon_s=horizon_s,
-        strides=asked_numbers("strides", strides or None),
+        strides=parse_numbers("strides", strides or None),
         chunk_stride=chunk_stride,
         tolerance=tolerance,
-        gripper_dims=asked_numbers("gripper_dims", gripper_dims or None),
+        gripper_dims=parse_numbers("gripper_dims", gripper_dims or None),
     )
-    settings = Settings(dataset, question)
+    settings = Settings(dataset, criteria)
     with shown("interpolating demonstrations"):
         report = diagnose(settings)
     finish(report, print_report, plot_report, json=json, picture=out)

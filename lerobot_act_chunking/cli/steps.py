@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from lerobot_act_chunking.cli.options import Json, Picture, asked_numbers
+from lerobot_act_chunking.cli.options import Json, Picture, parse_numbers
 from lerobot_act_chunking.cli.reporting import finish
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def steps_command(
         observations=observations,
         tolerance=tolerance,
         samplers=tuple(sampler or ()),
-        steps=asked_numbers("steps", steps or None),
+        steps=parse_numbers("steps", steps or None),
         seed=seed,
         success=success,
         success_seeds=success_seeds,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from lerobot_act_chunking.cli.options import OUT, asked_numbers
+from lerobot_act_chunking.cli.options import OUT, parse_numbers
 
 if TYPE_CHECKING:
     from lerobot_act_chunking.policies.vqbet_chunked.action_chunks import ActionChunks
@@ -57,15 +57,15 @@ def train_tokenizer_command(
     from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import TokenizerTraining
     from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_training import plan_training
 
-    lessons = TokenizerTraining(
+    training = TokenizerTraining(
         **{name: given.pop(name) for name in ("steps", "batch_size", "lr", "weight_decay", "seed")}
     )
     fields = {name: value for name, value in given.items() if value is not None}
     for name in ("dataset", "out", "preset"):
         del fields[name]
     if fsq_levels is not None:
-        fields["fsq_levels"] = asked_numbers("fsq_levels", fsq_levels, "8,5,5")
-    info, chunks = plan_training(dataset, preset, fields, lessons)
+        fields["fsq_levels"] = parse_numbers("fsq_levels", fsq_levels, "8,5,5")
+    info, chunks = plan_training(dataset, preset, fields, training)
     console = Console()
     trained = _train(out, info, chunks, console)
     _print_card(trained, out, console)
@@ -84,7 +84,7 @@ def _train(output: Path, info: "TokenizerInfo", chunks: "ActionChunks", console:
         def show(done: int, metrics: dict[str, float]) -> None:
             error, used = metrics["reconstruction_l1"], metrics["used_codes"]
             if not line:
-                line.append(bar.add_task("training", total=info.lessons.steps, error=error, used=used))
+                line.append(bar.add_task("training", total=info.training.steps, error=error, used=used))
             bar.update(line[0], completed=done, error=error, used=used)
 
         return train_tokenizer(output, info, chunks, show)
@@ -94,7 +94,7 @@ def _print_card(trained: "Trained", output: Path, console: Console) -> None:
     from rich.table import Table
 
     info, spec = trained.info, trained.info.spec
-    if trained.steps_before == info.lessons.steps:
+    if trained.steps_before == info.training.steps:
         console.print(f"{output} is there already, made with these settings", soft_wrap=True)
     elif trained.steps_before:
         console.print(f"went on from step {trained.steps_before}")

@@ -2,7 +2,7 @@
 
 Each is a package of its own, built on `core` and on no other instrument, with the same files::
 
-    settings.py    what is asked: Settings
+    settings.py    what is requested: Settings
     diagnosis.py   the way in: diagnose(settings) -> Report
     measuring.py   from what was read to the report
     verdict.py     the answer in words

@@ -7,17 +7,17 @@ from typing import Any
 import httpx
 
 from lerobot_act_chunking.hub.commits import Commit, Entry
-from lerobot_act_chunking.hub.exchange import Call, file_response
+from lerobot_act_chunking.hub.http_messages import HubRequest, file_response
 from lerobot_act_chunking.hub.names import checked_path, is_sha256
 from lerobot_act_chunking.hub.refusal import entry_not_found
 from lerobot_act_chunking.hub.repository import MAIN
 from lerobot_act_chunking.hub.storage import is_private
 
 
-def info(call: Call) -> httpx.Response:
+def info(request: HubRequest) -> httpx.Response:
     """``model_info``, ``dataset_info``: the newest revision of ``main``, or the one asked for."""
-    repository = call.repository
-    commit_id = repository.resolve(call.argument(0, MAIN))
+    repository = request.repository
+    commit_id = repository.resolve(request.argument(0, MAIN))
     commit = repository.commit(commit_id)
     about = {
         "id": repository.name.repo_id,
@@ -35,9 +35,9 @@ def info(call: Call) -> httpx.Response:
     return httpx.Response(200, json=about)
 
 
-def refs(call: Call) -> httpx.Response:
+def refs(request: HubRequest) -> httpx.Response:
     """``list_repo_refs``."""
-    repository = call.repository
+    repository = request.repository
     tags, listed = repository.tags(), {"branches": [], "tags": [], "converts": [], "pullRequests": []}
     for name in repository.refs():
         commit_id = repository.head(name)
@@ -47,10 +47,10 @@ def refs(call: Call) -> httpx.Response:
     return httpx.Response(200, json=listed)
 
 
-def commits(call: Call) -> httpx.Response:
+def commits(request: HubRequest) -> httpx.Response:
     """``list_repo_commits``: newest first."""
-    repository = call.repository
-    history = repository.history(repository.resolve(call.argument(0, MAIN)))
+    repository = request.repository
+    history = repository.history(repository.resolve(request.argument(0, MAIN)))
     listed = [
         {
             "id": commit_id,
@@ -64,25 +64,25 @@ def commits(call: Call) -> httpx.Response:
     return httpx.Response(200, json=listed)
 
 
-def tree(call: Call) -> httpx.Response:
+def tree(request: HubRequest) -> httpx.Response:
     """``list_repo_tree``, of the whole revision or of one folder."""
-    repository = call.repository
-    commit = repository.commit(repository.resolve(call.argument(0, MAIN)))
-    folder = call.path_from(1)
+    repository = request.repository
+    commit = repository.commit(repository.resolve(request.argument(0, MAIN)))
+    folder = request.path_from(1)
     prefix = f"{checked_path(folder)}/" if folder else ""
     below = {path: entry for path, entry in commit.files.items() if path.startswith(prefix)}
     if prefix and not below:
-        raise entry_not_found(repository.name.repo_id, call.argument(0, MAIN), folder)
-    recursive = str(call.query("recursive")).lower() in ("true", "1")
+        raise entry_not_found(repository.name.repo_id, request.argument(0, MAIN), folder)
+    recursive = str(request.query("recursive")).lower() in ("true", "1")
     return httpx.Response(200, json=_listing(below, prefix, recursive))
 
 
-def paths_info(call: Call) -> httpx.Response:
+def paths_info(request: HubRequest) -> httpx.Response:
     """``get_paths_info``: the files and folders that exist among those asked for."""
-    repository = call.repository
-    commit = repository.commit(repository.resolve(call.argument(0, MAIN)))
+    repository = request.repository
+    commit = repository.commit(repository.resolve(request.argument(0, MAIN)))
     found = []
-    for path in call.form().get("paths", []):
+    for path in request.form().get("paths", []):
         if path in commit.files:
             found.append(_file(path, commit.files[path]))
         elif any(other.startswith(f"{path}/") for other in commit.files):
@@ -90,16 +90,16 @@ def paths_info(call: Call) -> httpx.Response:
     return httpx.Response(200, json=found)
 
 
-def resolve(call: Call) -> httpx.Response:
+def resolve(request: HubRequest) -> httpx.Response:
     """A file's bytes, or with ``HEAD`` what identifies them."""
-    repository = call.repository
-    revision, path = call.argument(0), call.path_from(1)
+    repository = request.repository
+    revision, path = request.argument(0), request.path_from(1)
     commit_id = repository.resolve(revision)
     entry = repository.commit(commit_id).files.get(path)
     if entry is None:
         raise entry_not_found(repository.name.repo_id, revision, path)
     target = repository.file(commit_id, path)
-    return file_response(call.request, target, {"ETag": f'"{entry.digest}"', "X-Repo-Commit": commit_id})
+    return file_response(request.http, target, {"ETag": f'"{entry.digest}"', "X-Repo-Commit": commit_id})
 
 
 def timestamp(commit: Commit) -> str:

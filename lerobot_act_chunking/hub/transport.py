@@ -12,12 +12,12 @@ from huggingface_hub.errors import OfflineModeIsEnabled
 
 from lerobot_act_chunking.hub import files, reading, writing
 from lerobot_act_chunking.hub.commits import current_user
-from lerobot_act_chunking.hub.exchange import Call, path_segments, refused
+from lerobot_act_chunking.hub.http_messages import HubRequest, path_segments, refused
 from lerobot_act_chunking.hub.names import KINDS, RepoName, shorten
 from lerobot_act_chunking.hub.refusal import RefusedError
 from lerobot_act_chunking.hub.storage import LocalHub
 
-Handler = Callable[[Call], httpx.Response]
+Handler = Callable[[HubRequest], httpx.Response]
 
 HUB_HOST = "huggingface.co"
 """Where huggingface_hub validates model cards, whatever HF_ENDPOINT says."""
@@ -80,7 +80,7 @@ class LocalHubTransport(httpx.BaseTransport):
         segments = path_segments(request)
         handler = _GLOBAL_ROUTES.get((request.method, "/".join(segments)))
         if handler is not None:
-            return handler(Call(self.hub, request))
+            return handler(HubRequest(self.hub, request))
         readings = _readings(segments)
         if not readings:
             if self.fall_through and request.method in ("GET", "HEAD"):
@@ -88,13 +88,13 @@ class LocalHubTransport(httpx.BaseTransport):
             raise _unsupported(request)
         held = [reading for reading in readings if self.hub.holds(self.hub.full_name(reading[1]))]
         action, name, rest = (held or readings)[0]
-        call = Call(self.hub, request, self.hub.full_name(name), rest)
+        hub_request = HubRequest(self.hub, request, self.hub.full_name(name), rest)
         route = (request.method, action)
-        if self.fall_through and route in READS and not self.hub.holds(call.checked_name):
+        if self.fall_through and route in READS and not self.hub.holds(hub_request.checked_name):
             return self._ask_outside(request)
         if route not in REPOSITORY_ROUTES:
             raise _unsupported(request)
-        return REPOSITORY_ROUTES[route](call)
+        return REPOSITORY_ROUTES[route](hub_request)
 
     def _ask_outside(self, request: httpx.Request) -> httpx.Response:
         if constants.HF_HUB_OFFLINE:
@@ -156,14 +156,14 @@ def _name_lengths(segments: list[str]) -> list[int]:
     ]
 
 
-def _whoami(call: Call) -> httpx.Response:
+def _whoami(request: HubRequest) -> httpx.Response:
     user = current_user()
     return httpx.Response(200, json={"type": "user", "id": user, "name": user, "fullname": user, "orgs": []})
 
 
-def _validate_card(call: Call) -> httpx.Response:
+def _validate_card(request: HubRequest) -> httpx.Response:
     """The front matter of a README must be a YAML mapping; the real Hub's further rules need the real Hub."""
-    content = call.json().get("content")
+    content = request.json().get("content")
     block = re.match(
         r"\s*---[ \t]*\r?\n(.*?)\r?\n---", content if isinstance(content, str) else "", re.DOTALL
     )

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from lerobot_act_chunking.hub import files
-from lerobot_act_chunking.hub.collecting import unreferenced_blobs
 from lerobot_act_chunking.hub.commits import Commit, Entry
+from lerobot_act_chunking.hub.garbage_collection import unreferenced_blobs
 from lerobot_act_chunking.hub.names import RepoName, is_commit, is_digest, is_sha256
 from lerobot_act_chunking.hub.publishing import leftovers
 from lerobot_act_chunking.hub.refusal import RefusedError

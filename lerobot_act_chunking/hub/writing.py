@@ -8,7 +8,7 @@ import httpx
 
 from lerobot_act_chunking.hub import files, publishing
 from lerobot_act_chunking.hub.commits import Entry
-from lerobot_act_chunking.hub.exchange import Call, json_object
+from lerobot_act_chunking.hub.http_messages import HubRequest, json_object
 from lerobot_act_chunking.hub.names import RepoName, checked_new_path, checked_sha256, shorten
 from lerobot_act_chunking.hub.refusal import CONFLICT, RefusedError, repo_not_found
 from lerobot_act_chunking.hub.repository import MAIN, Repository
@@ -22,47 +22,47 @@ INLINE_LIMIT = 64 * 1024
 EMPTY_GIT_SHA1 = "e69de29bb2d1d6434b8b29ae775ad8c2e48c5391"
 
 
-def create_repo(call: Call) -> httpx.Response:
+def create_repo(request: HubRequest) -> httpx.Response:
     """``create_repo``; the answer carries the full id when the owner was left out."""
-    body = call.json()
-    name = call.hub.full_name(_named(body))
-    answer = {"url": f"{call.address}/{name.url_path}", "name": name.repo_id}
+    body = request.json()
+    name = request.hub.full_name(_named(body))
+    answer = {"url": f"{request.address}/{name.url_path}", "name": name.repo_id}
     try:
-        call.hub.create(name, private=_private(body) or False)
+        request.hub.create(name, private=_private(body) or False)
     except RefusedError as refusal:
         if refusal.status != CONFLICT:
             raise
         # huggingface_hub reads the address from this answer too when called with exist_ok=True.
         return httpx.Response(CONFLICT, json={**answer, "error": str(refusal)})
-    logger.info("local hub: created %s in %s", name.repo_id, call.hub.root / name.folder)
+    logger.info("local hub: created %s in %s", name.repo_id, request.hub.root / name.folder)
     return httpx.Response(200, json=answer)
 
 
-def delete_repo(call: Call) -> httpx.Response:
+def delete_repo(request: HubRequest) -> httpx.Response:
     """``delete_repo``."""
-    name = call.hub.full_name(_named(call.json()))
-    if not call.hub.holds(name):
-        raise repo_not_found(name.repo_id, call.hub.root)
-    call.hub.delete(name)
+    name = request.hub.full_name(_named(request.json()))
+    if not request.hub.holds(name):
+        raise repo_not_found(name.repo_id, request.hub.root)
+    request.hub.delete(name)
     return httpx.Response(200, json={})
 
 
-def settings(call: Call) -> httpx.Response:
+def settings(request: HubRequest) -> httpx.Response:
     """``update_repo_settings``: private or public; nothing else means anything for a folder."""
-    private = _private(call.json())
+    private = _private(request.json())
     if private is None:
         raise RefusedError("the local hub knows one setting of a repository: private or public")
-    set_private(call.repository.folder, private)
+    set_private(request.repository.folder, private)
     return httpx.Response(200, json={"private": private})
 
 
-def preupload(call: Call) -> httpx.Response:
+def preupload(request: HubRequest) -> httpx.Response:
     """Which files stream on their own, and what is there already under the same paths."""
-    repository = call.repository
-    head = repository.head(call.argument(0, MAIN))
+    repository = request.repository
+    head = repository.head(request.argument(0, MAIN))
     present = repository.commit(head).files if head else {}
     answer = []
-    for file in _list(call.json(), "files"):
+    for file in _list(request.json(), "files"):
         path, size = checked_new_path(file.get("path")), _size(file.get("size"))
         inline = size <= INLINE_LIMIT
         oid = _known_oid(repository, present.get(path), inline)
@@ -71,68 +71,70 @@ def preupload(call: Call) -> httpx.Response:
     return httpx.Response(200, json={"files": answer})
 
 
-def lfs_batch(call: Call) -> httpx.Response:
+def lfs_batch(request: HubRequest) -> httpx.Response:
     """Where to send each large file; nothing for those whose content is here already."""
-    repository = call.repository
+    repository = request.repository
     answer: list[dict[str, Any]] = []
-    with call.hub.lock(call.checked_name):  # so that no clean-up runs between looking and marking
-        for wanted in _list(call.json(), "objects"):
+    with request.hub.lock(request.checked_name):  # so that no clean-up runs between looking and marking
+        for wanted in _list(request.json(), "objects"):
             entry = Entry(checked_sha256(wanted.get("oid")), _size(wanted.get("size")))
             listed: dict[str, Any] = {"oid": entry.digest, "size": entry.size}
             if not publishing.renew_blob(repository, entry):
-                target = f"{call.address}/{repository.name.url_path}.git/lfs/{entry.digest}?size={entry.size}"
+                target = (
+                    f"{request.address}/{repository.name.url_path}.git/lfs/{entry.digest}?size={entry.size}"
+                )
                 listed["actions"] = {"upload": {"href": target}}
             answer.append(listed)
     return httpx.Response(200, json={"transfer": "basic", "objects": answer})
 
 
-def lfs_upload(call: Call) -> httpx.Response:
+def lfs_upload(request: HubRequest) -> httpx.Response:
     """One large file's bytes, kept only if length and SHA-256 are those announced."""
-    digest, size = checked_sha256(call.argument(0)), _size(call.query("size"))
-    publishing.receive_blob(call.repository, call.chunks(), digest, size)
+    digest, size = checked_sha256(request.argument(0)), _size(request.query("size"))
+    publishing.receive_blob(request.repository, request.chunks(), digest, size)
     return httpx.Response(200, json={})
 
 
-def commit(call: Call) -> httpx.Response:
+def commit(request: HubRequest) -> httpx.Response:
     """One new revision on a branch, from newline-separated JSON operations."""
-    if call.query("create_pr"):
+    if request.query("create_pr"):
         raise RefusedError("the local hub has no pull requests; push to a branch")
-    repository, branch = call.repository, call.argument(0, MAIN)
-    change = _change(repository, call.request.read())
-    with call.hub.lock(call.checked_name):
+    repository, branch = request.repository, request.argument(0, MAIN)
+    change = _change(repository, request.http.read())
+    with request.hub.lock(request.checked_name):
         commit_id = publishing.publish_revision(repository, branch, change)
     _say_where(repository, branch, commit_id)
-    url = f"{call.address}/{repository.name.url_path}/commit/{commit_id}"
+    url = f"{request.address}/{repository.name.url_path}/commit/{commit_id}"
     return httpx.Response(200, json={"success": True, "commitUrl": url, "commitOid": commit_id})
 
 
-def create_branch(call: Call) -> httpx.Response:
+def create_branch(request: HubRequest) -> httpx.Response:
     """``create_branch``."""
-    start = call.json().get("startingPoint", MAIN)
-    with call.hub.lock(call.checked_name):
-        publishing.create_branch(call.repository, call.argument(0), _text(start))
+    start = request.json().get("startingPoint", MAIN)
+    with request.hub.lock(request.checked_name):
+        publishing.create_branch(request.repository, request.argument(0), _text(start))
     return httpx.Response(200, json={})
 
 
-def create_tag(call: Call) -> httpx.Response:
+def create_tag(request: HubRequest) -> httpx.Response:
     """``create_tag``."""
-    tag = _text(call.json().get("tag"))
-    with call.hub.lock(call.checked_name):
-        publishing.create_tag(call.repository, tag, call.argument(0, MAIN))
+    tag = _text(request.json().get("tag"))
+    with request.hub.lock(request.checked_name):
+        publishing.create_tag(request.repository, tag, request.argument(0, MAIN))
     return httpx.Response(200, json={})
 
 
-def delete_branch(call: Call) -> httpx.Response:
+def delete_branch(request: HubRequest) -> httpx.Response:
     """``delete_branch``."""
-    with call.hub.lock(call.checked_name):
-        publishing.delete_ref(call.repository, call.argument(0), tag=False)
+    with request.hub.lock(request.checked_name):
+        publishing.delete_ref(request.repository, request.argument(0), tag=False)
     return httpx.Response(200, json={})
 
 
-def delete_tag(call: Call) -> httpx.Response:
+def delete_tag(request: HubRequest) -> httpx.Response:
     """``delete_tag``."""
-    with call.hub.lock(call.checked_name):
-        publishing.delete_ref(call.repository, call.argument(0), tag=True)
+    with request.hub.lock(request.checked_name):
+        publishing.delete_ref(request.repository, request.argument(0), tag=True)
     return httpx.Response(200, json={})
 
 

@@ -22,8 +22,7 @@ class AlohaSource(SimulatedSource):
     env_type = "aloha_sim"
     distributions = ("gym-aloha",)
 
-    def __post_init__(self) -> None:
-        self.expert.check(RANGES)
+    ranges = RANGES
 
     @property
     def world(self) -> World:
@@ -46,7 +45,7 @@ class AlohaSource(SimulatedSource):
     def steps(self, env: AlohaSimEnv, seed: int) -> Iterator[Step]:
         """Play a plan to its end; a success does not cut it short."""
         observation, _ = env.reset(seed=seed)
-        script = plan(env.task, env.world.environment_state(), self.expert, noise_stream(seed))
+        script = plan(env.task, env.world.environment_state(), self.options_of(seed), noise_stream(seed))
         for action, command in zip(script.actions, script.commands, strict=True):
             seen = observation
             observation, _, _, _, info = env.step(command)

@@ -3,7 +3,7 @@
 import shutil
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +53,7 @@ class RecordResult:
         attempts: episodes that were played for it.
         seconds: wall time of this call.
         already_complete: the dataset was there before the call.
+        operators: attempts of each person who demonstrated, discarded and in all.
     """
 
     root: Path
@@ -61,6 +62,7 @@ class RecordResult:
     attempts: int
     seconds: float
     already_complete: bool
+    operators: dict[str, tuple[int, int]] = field(default_factory=dict)
 
     @property
     def expert_success_rate(self) -> float:
@@ -109,6 +111,7 @@ def record_source(
         attempts=summary.attempts,
         seconds=time.monotonic() - start,
         already_complete=already_complete,
+        operators=summary.operators,
     )
 
 

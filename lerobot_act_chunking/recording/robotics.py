@@ -22,6 +22,7 @@ class RoboticsSource(SimulatedSource):
 
     env_type = "gymnasium_robotics"
     distributions = ("gymnasium-robotics",)
+    ranges = RANGES
 
     def __post_init__(self) -> None:
         task = self.environment.task
@@ -30,7 +31,7 @@ class RoboticsSource(SimulatedSource):
                 f"{task} has no scripted expert; choose one of: {', '.join(EXPERTS)}, or bring your own "
                 "demonstrator and record it with record_source (docs/guides/own-environment.md)"
             )
-        self.expert.check(RANGES)
+        super().__post_init__()
 
     @property
     def world(self) -> World:
@@ -50,7 +51,7 @@ class RoboticsSource(SimulatedSource):
     def steps(self, env: RoboticsEnv, seed: int) -> Iterator[Step]:
         """Answer what is seen until the episode ends."""
         observation, _ = env.reset(seed=seed)
-        expert = Expert(env.task, self.expert, noise_stream(seed), env.max_episode_steps)
+        expert = Expert(env.task, self.options_of(seed), noise_stream(seed), env.max_episode_steps)
         over = False
         while not over:
             action, command = expert.act(env.named_state)

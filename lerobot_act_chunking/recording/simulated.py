@@ -3,17 +3,20 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
 
-from lerobot_act_chunking.envs.demonstration import ExpertOptions
+from lerobot_act_chunking.envs.demonstration import ExpertOptions, Ranges
+from lerobot_act_chunking.envs.operators import get_operator
 from lerobot_act_chunking.envs.options import ObservationOptions
+from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.recording.episode import DatasetFormat, Episode
 from lerobot_act_chunking.recording.lossless import LosslessEncoder
+from lerobot_act_chunking.recording.summary import operator_of
 
 # The environments' observations, named and ordered as LeRobot's preprocessing names them in evaluation.
 _FEATURES = {
@@ -21,6 +24,7 @@ _FEATURES = {
     "agent_vel": "observation.agent_vel",
     "environment_state": "observation.environment_state",
 }
+_MOST_STEPS = 10_000  # drawn at once, whatever an episode's length, so that no length moves another draw
 _DISTRIBUTIONS = ("lerobot_policy_act_chunking", "lerobot", "mujoco", "numpy")
 
 
@@ -61,12 +65,29 @@ class SimulatedSource(ABC):
     """
 
     environment: ObservationOptions
-    expert: ExpertOptions
+    expert: ExpertOptions = field(default_factory=ExpertOptions)
+    operators: tuple[str, ...] = ()
+    """Who demonstrates in turn, in place of ``expert``."""
+
+    def __post_init__(self) -> None:
+        self.expert.check(self.ranges)
+        if self.operators and self.expert != ExpertOptions():
+            raise ConfigurationError(
+                f"operators {', '.join(self.operators)} have habits of their own: leave out the expert's "
+                f"options ({self.expert.settings()}), or the operators"
+            )
+        for name in self.operators:
+            get_operator(name)
 
     env_type: ClassVar[str]
     """LeRobot's ``--env.type`` for this world."""
     distributions: ClassVar[tuple[str, ...]]
     """Further packages that the episodes depend on."""
+
+    @property
+    @abstractmethod
+    def ranges(self) -> Ranges:
+        """What this world's expert can do."""
 
     @property
     @abstractmethod
@@ -79,7 +100,7 @@ class SimulatedSource(ABC):
 
     @abstractmethod
     def steps(self, env: Any, seed: int) -> Iterator[Step]:
-        """Demonstrate the episode of ``seed``."""
+        """Demonstrate the episode of ``seed`` as ``options_of(seed)`` say."""
 
     @property
     def format(self) -> DatasetFormat:
@@ -103,7 +124,21 @@ class SimulatedSource(ABC):
         if not self._cameras():
             unused |= {"cameras", "observation_height", "observation_width", "render_quality"}
         kept = {name: value for name, value in environment.items() if name not in unused}
-        return {"source": f"{self.env_type} expert", **kept, "expert": asdict(self.expert)}
+        settings = {"source": f"{self.env_type} expert", **kept}
+        if self.operators:
+            return {**settings, "operators": {name: asdict(get_operator(name)) for name in self.operators}}
+        return {**settings, "expert": self.expert.settings()}
+
+    def operator_of(self, seed: int) -> str | None:
+        """Who demonstrates the episode of ``seed``; None if nobody in particular."""
+        return operator_of(self.operators, seed) if self.operators else None
+
+    def options_of(self, seed: int) -> ExpertOptions:
+        """How the episode of ``seed`` is demonstrated."""
+        operator = self.operator_of(seed)
+        if operator is None:
+            return self.expert
+        return get_operator(operator).episode(_stream(seed, 2), self.ranges)
 
     @property
     def versions(self) -> dict[str, str]:
@@ -122,13 +157,17 @@ class SimulatedSource(ABC):
         size = self.environment.observation_height, self.environment.observation_width
         cameras = {camera: LosslessEncoder(*size) for camera in self._cameras()}
         actions, info = [], {}
-        for step in self.steps(env, seed):
+        options = self.options_of(seed)
+        missed = _stream(seed, 3).random(_MOST_STEPS) < options.dropped_frames
+        for index, step in enumerate(self.steps(env, seed)):
+            info = step.info
+            if missed[index % _MOST_STEPS] and index:
+                continue
             for name, rows in vectors.items():
                 rows.append(step.observation[name])
             for camera, encoder in cameras.items():
                 encoder.append(step.observation["pixels"][camera])
             actions.append(step.action)
-            info = step.info
         arrays = {_FEATURES[name]: np.asarray(rows, np.float32) for name, rows in vectors.items()}
         return Episode(
             seed=seed,
@@ -137,7 +176,8 @@ class SimulatedSource(ABC):
             videos={f"observation.images.{camera}": encoder.finish() for camera, encoder in cameras.items()},
             details={
                 **{name: met for name, met in info.items() if name.startswith("success_")},
-                "expert": asdict(self.expert),
+                **({"operator": self.operator_of(seed)} if self.operators else {}),
+                "expert": options.settings(),
             },
         )
 
@@ -147,7 +187,11 @@ class SimulatedSource(ABC):
 
 def noise_stream(seed: int) -> np.random.Generator:
     """The expert's random numbers; the environment draws its own from the plain ``seed``."""
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
+    return _stream(seed, 1)
+
+
+def _stream(seed: int, purpose: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(purpose,)))
 
 
 def _numbers(names: tuple[str, ...]) -> dict[str, Any]:

@@ -56,6 +56,8 @@ class RecordSpec:
             gymnasium-robotics' ``final`` (default, the whole episode) or ``any`` (up to the first success).
         seed: of the first episode; the next ones count up.
         expert: how the expert moves.
+        operators: people whose habits it takes on, in turn from seed to seed; none by default. They are in
+            ``lerobot_act_chunking.envs.operators``.
         workers: processes that play episodes; the dataset does not depend on it.
 
     Raises:
@@ -76,6 +78,7 @@ class RecordSpec:
     success: str | None = None
     seed: int = 0
     expert: ExpertOptions = field(default_factory=ExpertOptions)
+    operators: tuple[str, ...] = ()
     workers: int = 1
 
     def __post_init__(self) -> None:
@@ -104,7 +107,7 @@ class RecordSpec:
                 the task's expert cannot do.
         """
         kind = _KINDS[self.env]
-        return kind.source(kind.options(**self._environment(kind)), self.expert)
+        return kind.source(kind.options(**self._environment(kind)), self.expert, self.operators)
 
     def _environment(self, kind: _Kind) -> dict[str, Any]:
         asked: dict[str, Any] = {

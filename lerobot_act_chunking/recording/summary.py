@@ -6,6 +6,8 @@ would survive that, but its writer takes none from outside.
 """
 
 import json
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -61,9 +63,24 @@ class RecordingSummary:
         return len(self.episodes) + len(self.failed_seeds)
 
     @property
+    def operators(self) -> dict[str, tuple[int, int]]:
+        """Attempts of each person who demonstrated, discarded and in all; empty without operators."""
+        names = list(self.settings.get("operators", {}))
+        discarded = Counter(operator_of(names, seed) for seed in self.failed_seeds) if names else Counter()
+        recorded = (
+            Counter(operator_of(names, episode.seed) for episode in self.episodes) if names else Counter()
+        )
+        return {name: (discarded[name], discarded[name] + recorded[name]) for name in names}
+
+    @property
     def next_seed(self) -> int:
         """The first seed that was not played."""
         return self.settings["first_seed"] + self.attempts
+
+
+def operator_of(operators: Sequence[str], seed: int) -> str:
+    """Who demonstrates the episode of ``seed``: they take turns."""
+    return operators[seed % len(operators)]
 
 
 def read_summary(root: Path) -> RecordingSummary:

@@ -3,7 +3,7 @@
 import pytest
 import typer
 
-from lerobot_act_chunking.cli.options import asked_numbers, whole_numbers
+from lerobot_act_chunking.cli.options import parse_numbers, whole_numbers
 from lerobot_act_chunking.cli.reporting import finish
 from lerobot_act_chunking.diagnostics.core.report import Judgement, Report
 from lerobot_act_chunking.errors import ConfigurationError
@@ -52,16 +52,16 @@ def test_without_files_nothing_is_written(tmp_path, monkeypatch):
 
 
 def test_numbers_with_commas_between_them():
-    assert asked_numbers("strides", "2,5, 10") == (2, 5, 10)
-    assert asked_numbers("strides", None) == ()
+    assert parse_numbers("strides", "2,5, 10") == (2, 5, 10)
+    assert parse_numbers("strides", None) == ()
     with pytest.raises(
         ConfigurationError, match="strides='2;5' must be numbers with commas between them: 2,5,10"
     ):
-        asked_numbers("strides", "2;5")
+        parse_numbers("strides", "2;5")
     with pytest.raises(
         ConfigurationError, match="levels='8,' must be numbers with commas between them: 8,5,5"
     ):
-        asked_numbers("levels", "8,", "8,5,5")
+        parse_numbers("levels", "8,", "8,5,5")
 
 
 def test_gaps_between_commas_where_they_are_allowed():

@@ -8,7 +8,7 @@ from lerobot_act_chunking.data.dimension_names import dimension_names
 from lerobot_act_chunking.diagnostics.core.noise_floor import measure_noise
 from lerobot_act_chunking.diagnostics.core.rollouts import Rollout
 from lerobot_act_chunking.diagnostics.resolution.measuring import measure as measure_resolution
-from lerobot_act_chunking.diagnostics.resolution.settings import Question
+from lerobot_act_chunking.diagnostics.resolution.settings import Criteria
 from lerobot_act_chunking.diagnostics.smoothness.measuring import measure
 
 
@@ -46,8 +46,8 @@ def test_parts_that_do_not_move_change_nothing_for_the_others(seed):
     assert other.commanded.arms == one.commanded.arms
     assert other.achieved.arms == one.achieved.arms
     assert other.lag_groups == one.lag_groups
-    question = Question(horizon_s=1.0)
-    alone, together = (measure_resolution(demonstrations(each), question) for each in (robot, longer))
+    criteria = Criteria(horizon_s=1.0)
+    alone, together = (measure_resolution(demonstrations(each), criteria) for each in (robot, longer))
     assert (together.verdict, together.reasons) == (alone.verdict, alone.reasons)
     assert together.recommended.stride == alone.recommended.stride
 
@@ -69,8 +69,8 @@ def test_units_change_nothing_that_is_relative(seed):
     for name in ("rms_jerk", "log_dimensionless_jerk", "sparc", "energy_above_5_hz"):
         assert getattr(one.commanded.arms, name) == pytest.approx(getattr(other.commanded.arms, name))
     assert one.tracking_lag_s == pytest.approx(other.tracking_lag_s)
-    question = Question(horizon_s=1.0)
-    alone, together = (measure_resolution(demonstrations(each), question) for each in (robot, scaled))
+    criteria = Criteria(horizon_s=1.0)
+    alone, together = (measure_resolution(demonstrations(each), criteria) for each in (robot, scaled))
     assert (together.verdict, together.recommended.stride) == (alone.verdict, alone.recommended.stride)
 
 

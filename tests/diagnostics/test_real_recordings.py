@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from lerobot_act_chunking.diagnostics.resolution.diagnosis import diagnose
-from lerobot_act_chunking.diagnostics.resolution.settings import Question, Settings
+from lerobot_act_chunking.diagnostics.resolution.settings import Criteria, Settings
 from lerobot_act_chunking.diagnostics.smoothness.comparison import compare
 from lerobot_act_chunking.diagnostics.smoothness.settings import EvaluationSpec
 
@@ -43,6 +43,6 @@ def test_an_arm_moved_by_hand_has_no_lag():
 
 
 def test_a_parked_arm_and_quantised_hands_do_not_decide_about_the_stride():
-    report = diagnose(Settings(folder("open50r"), Question(horizon_s=1.0)))
+    report = diagnose(Settings(folder("open50r"), Criteria(horizon_s=1.0)))
     assert report.recommended.stride >= 4
     assert len(report.notes) == 2

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from huggingface_hub import HfApi, scan_cache_dir, snapshot_download
 
-from lerobot_act_chunking.hub import collecting, publishing
+from lerobot_act_chunking.hub import garbage_collection, publishing
 from lerobot_act_chunking.hub.names import RepoName
 from lerobot_act_chunking.hub.refusal import RefusedError
 from lerobot_act_chunking.hub.repository import Repository
@@ -127,7 +127,7 @@ def test_deleting_a_tag_frees_only_what_it_alone_showed(
 ):
     before, gone = blobs(repository), weights_blob(repository, versions[0]).name
     with hub.lock(MODEL):
-        freed = collecting.delete_revision(repository, "v1")
+        freed = garbage_collection.delete_revision(repository, "v1")
     assert (freed.revisions, freed.blobs, freed.size) == (1, 1, 70_000)
     assert blobs(repository) == before - {gone}
     assert verify(repository).problems == []
@@ -138,16 +138,16 @@ def test_deleting_a_tag_frees_only_what_it_alone_showed(
 def test_deleting_a_name_of_a_revision_with_another_name_frees_nothing(repository: Repository, api: HfApi):
     api.create_tag("me/act", tag="best", revision="v1")
     before = blobs(repository)
-    assert collecting.delete_revision(repository, "best") == collecting.Freed(0, 0, 0)
+    assert garbage_collection.delete_revision(repository, "best") == garbage_collection.Freed(0, 0, 0)
     assert blobs(repository) == before
     assert "v1" in verify(repository).loadable
 
 
 def test_a_named_revision_is_not_deleted_by_its_id(repository: Repository, versions: list[str]):
     with pytest.raises(RefusedError, match="still named by v1; delete those names instead"):
-        collecting.delete_revision(repository, versions[0])
+        garbage_collection.delete_revision(repository, versions[0])
     with pytest.raises(RefusedError, match="cannot be deleted"):
-        collecting.delete_revision(repository, "main")
+        garbage_collection.delete_revision(repository, "main")
 
 
 def test_deleting_history_keeps_names_and_what_they_show(
@@ -155,7 +155,7 @@ def test_deleting_history_keeps_names_and_what_they_show(
 ):
     api.delete_tag("me/act", tag="v2")
     gone = weights_blob(repository, versions[1]).name
-    freed = collecting.delete_history(repository)
+    freed = garbage_collection.delete_history(repository)
     assert (freed.revisions, freed.blobs) == (2, 1)  # the untagged one and the empty first one
     assert gone not in blobs(repository)
     assert repository.revisions() == [versions[0], versions[2]]
@@ -166,7 +166,7 @@ def test_deleting_history_keeps_names_and_what_they_show(
 def test_history_is_not_dropped_while_main_is_damaged(repository: Repository):
     (repository.ref_folder / "main").write_text("garbage")
     with pytest.raises(RefusedError, match="repair it with: act-chunking hub repair me/act"):
-        collecting.delete_history(repository)
+        garbage_collection.delete_history(repository)
 
 
 def test_a_blob_that_a_push_under_way_announced_survives_deletion(
@@ -174,7 +174,7 @@ def test_a_blob_that_a_push_under_way_announced_survives_deletion(
 ):
     entry = repository.commit(versions[0]).files["model.safetensors"]
     assert publishing.renew_blob(repository, entry)  # what the LFS batch does before the commit
-    freed = collecting.delete_revision(repository, "v1")
+    freed = garbage_collection.delete_revision(repository, "v1")
     assert (freed.revisions, freed.blobs) == (1, 0)
     assert repository.has_blob(entry)
     assert verify(repository).unreferenced == entry.size
@@ -185,11 +185,11 @@ def test_what_killed_pushes_left_is_freed_when_it_is_old(
 ):
     publishing.receive_blob(repository, [b"never committed"])
     (repository.incoming / "half").write_bytes(b"half a body")
-    assert collecting.delete_history(repository).blobs == 0
+    assert garbage_collection.delete_history(repository).blobs == 0
     assert verify(repository).unreferenced == len(b"never committed") + len(b"half a body")
-    for module in (collecting, publishing):
+    for module in (garbage_collection, publishing):
         monkeypatch.setattr(module, "ABANDONED", 0.0)
-    assert collecting.delete_history(repository).blobs == 1
+    assert garbage_collection.delete_history(repository).blobs == 1
     assert verify(repository).unreferenced == 0
     assert publishing.leftovers(repository) == []
 
@@ -206,9 +206,9 @@ def test_without_symlinks_deletion_still_knows_which_blobs_are_shown(
     api.upload_folder(repo_id="me/act", folder_path=folder)
     repository = hub.open(MODEL)
     before = blobs(repository)
-    collecting.delete_history(repository)
+    garbage_collection.delete_history(repository)
     assert blobs(repository) == before
     (folder / "model.safetensors").write_bytes(os.urandom(70_000))
     api.upload_folder(repo_id="me/act", folder_path=folder)
-    assert collecting.delete_history(repository).blobs == 1
+    assert garbage_collection.delete_history(repository).blobs == 1
     assert verify(repository).problems == []

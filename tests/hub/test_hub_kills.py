@@ -14,7 +14,7 @@ from huggingface_hub import scan_cache_dir
 from push_process import version_of
 from tiers import full_tier
 
-from lerobot_act_chunking.hub import collecting
+from lerobot_act_chunking.hub import garbage_collection
 from lerobot_act_chunking.hub.names import RepoName
 from lerobot_act_chunking.hub.repository import Repository
 from lerobot_act_chunking.hub.storage import LocalHub
@@ -76,7 +76,7 @@ def assert_kills_are_harmless(hub: LocalHub, kills: int, size: int) -> None:
         assert acknowledged <= last <= acknowledged + 1
         assert verify(repository).problems == []
         with hub.lock(MODEL):
-            collecting.delete_history(repository)
+            garbage_collection.delete_history(repository)
     assert pushed(start(hub, "model.safetensors", last + 1, 1, size)) == [last + 1]
     assert loaded_version(hub.open(MODEL), size) == last + 1
     assert scan_cache_dir(hub.root).warnings == []
@@ -85,7 +85,7 @@ def assert_kills_are_harmless(hub: LocalHub, kills: int, size: int) -> None:
 @pytest.fixture
 def small_folder(monkeypatch: pytest.MonkeyPatch) -> None:
     """Free at once what killed pushes left, so that the test needs little disk."""
-    monkeypatch.setattr(collecting, "ABANDONED", 0.0)
+    monkeypatch.setattr(garbage_collection, "ABANDONED", 0.0)
     monkeypatch.setattr("lerobot_act_chunking.hub.publishing.ABANDONED", 0.0)
 
 

@@ -56,7 +56,7 @@ class CodebookReport(Report):
             "chunk_stride": subject.coder.timing.chunk_stride,
             "verdict": self.verdict,
             "reasons": self.reasons,
-            "thresholds": asdict(self.thresholds),
+            "thresholds": self.thresholds.to_json(),
             "usage": _usage_json(self.usage),
             "losses": asdict(self.losses),
             "first_code": [_use_json(use) for use in self.uses],

@@ -1,6 +1,6 @@
 """What is asked: about which tokenizer or dataset, and when to worry."""
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, Self
 
 from lerobot_act_chunking.data.actions import is_dataset
@@ -14,7 +14,7 @@ class Thresholds:
     Attributes:
         dead: share of a level's codes that are never used, where codes are learned.
         lost_variance: share of the actions' variance that the codes lose.
-        unsaid: the same of a single dimension; warn only.
+        lost_dimension_variance: the same of a single dimension; warn only.
         distance: Jensen-Shannon distance to the training data's codes, above what chance makes; warn only.
         error_ratio: RMS error relative to that of the training data.
         beyond: share of chunks with errors that 99 % of the training chunks do not have.
@@ -22,13 +22,19 @@ class Thresholds:
 
     dead: tuple[float, float] = (0.25, 0.5)
     lost_variance: tuple[float, float] = (0.1, 0.5)
-    unsaid: float = 0.5
+    lost_dimension_variance: float = 0.5
     distance: float = 0.2
     error_ratio: tuple[float, float] = (1.5, 3.0)
     beyond: tuple[float, float] = (0.05, 0.2)
 
+    def to_json(self) -> dict[str, Any]:
+        """The numbers by the names that reports have for them."""
+        values = asdict(self)
+        values["unsaid"] = values.pop("lost_dimension_variance")
+        return values
+
     @classmethod
-    def losing(cls, share: float) -> Self:
+    def with_max_lost(cls, share: float) -> Self:
         """The usual ones, but for the share of the variance that may be lost.
 
         Raises:

@@ -97,9 +97,11 @@ def _coarse(settings: Mapping[str, Any], losses: Losses, thresholds: Thresholds)
         findings.append(
             (grade, f"{message}, which the policy's offset has to make up for: {_finer(settings)}")
         )
-    unsaid = [loss for loss in losses.dimensions if (loss.lost_variance or 0.0) > thresholds.unsaid]
-    if unsaid:
-        named = ", ".join(f"{loss.name} ({min(1.0, loss.lost_variance or 0.0):.0%} lost)" for loss in unsaid)
+    lost = [
+        loss for loss in losses.dimensions if (loss.lost_variance or 0.0) > thresholds.lost_dimension_variance
+    ]
+    if lost:
+        named = ", ".join(f"{loss.name} ({min(1.0, loss.lost_variance or 0.0):.0%} lost)" for loss in lost)
         message = f"they hardly tell {named}: ways that differ in these alone have the same codes"
         findings.append(("warn", message if grade else f"{message}; {_finer(settings)}"))
     return findings

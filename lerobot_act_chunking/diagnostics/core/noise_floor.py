@@ -65,14 +65,14 @@ class NoiseFloor:
     def notes(self) -> list[str]:
         """What is left out of verdicts, in sentences."""
         notes = []
-        for kind, told in (
+        for kind, text in (
             ("constant", "never change"),
             ("noise", "hardly move: parked, or trembling, in half of the episodes or more"),
         ):
             names = [found.name for found in self.dimensions if found.kind == kind]
             if names:
                 share = f"{len(names)} of {len(self.dimensions)} dimensions"
-                notes.append(f"{share} {told}, and do not count: {listed(names)}.")
+                notes.append(f"{share} {text}, and do not count: {listed(names)}.")
         return notes
 
     def to_json(self) -> list[dict[str, Any]]:

@@ -15,7 +15,7 @@ from lerobot_act_chunking.diagnostics.latent.report import FITTED, LEARNED, STAN
 from lerobot_act_chunking.diagnostics.latent.samples import Samples
 from lerobot_act_chunking.diagnostics.latent.settings import Thresholds
 from lerobot_act_chunking.diagnostics.latent.subject import Subject
-from lerobot_act_chunking.diagnostics.latent.verdict import Evidence, judge
+from lerobot_act_chunking.diagnostics.latent.verdict import Measurements, judge
 from lerobot_act_chunking.nn.latents.categorical import CategoricalLatent
 from lerobot_act_chunking.nn.latents.gaussian import GaussianLatent
 
@@ -55,8 +55,8 @@ def measure(
     groups = measure_groups(of_samples, n_groups, of_samples[::step], errors["posterior"])
     health = measure_health(encoded, samples.progress)
     check = next(prior for prior in priors if prior.name == acting)
-    evidence = Evidence(subject.config, health, means, check, groups, is_fitted=acting == FITTED)
-    judgement = with_untrained(judge(evidence, thresholds), untrained(subject.checkpoint))
+    measured = Measurements(subject.config, health, means, check, groups, is_fitted=acting == FITTED)
+    judgement = with_untrained(judge(measured, thresholds), untrained(subject.checkpoint))
     return LatentReport(
         subject=subject,
         samples=samples,

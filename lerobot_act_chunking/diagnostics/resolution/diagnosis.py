@@ -13,7 +13,7 @@ def diagnose(settings: Settings) -> ResolutionReport:
         settings: what is asked.
 
     Raises:
-        ConfigurationError: a question that cannot be answered, naming the value.
+        ConfigurationError: criteria that no stride can meet, naming the value.
         DatasetError: the dataset is damaged, or no episode is as long as a chunk.
     """
-    return measure(read_episodes(settings.dataset), settings.question)
+    return measure(read_episodes(settings.dataset), settings.criteria)

@@ -10,7 +10,7 @@ from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes
 from lerobot_act_chunking.diagnostics.core.measures import Measure
 from lerobot_act_chunking.diagnostics.core.noise_floor import NoiseFloor
 from lerobot_act_chunking.diagnostics.core.report import Report
-from lerobot_act_chunking.diagnostics.resolution.settings import Question
+from lerobot_act_chunking.diagnostics.resolution.settings import Criteria
 from lerobot_act_chunking.diagnostics.resolution.spectrum import Spectrum
 from lerobot_act_chunking.diagnostics.resolution.strides import Stride, Tolerance
 from lerobot_act_chunking.diagnostics.resolution.verdict import FEWEST_STEPS, MOST_ABOVE_NYQUIST
@@ -22,20 +22,20 @@ class ResolutionReport(Report):
 
     Attributes:
         demonstrations: the data.
-        question: what was asked.
+        criteria: what strides are held against.
         measure: what actions mean in space.
         spectrum: of the actions.
         strides: the ones tried, the smallest first.
         tolerance: what was held against them.
         recommended: the largest up to which all are within it.
-        judged: the one in question: that of ``question.chunk_stride``, or the recommended one.
+        judged: the one in question: that of ``criteria.chunk_stride``, or the recommended one.
         floor: which dimensions move.
         notes: what to know about the figures.
     """
 
     tool: ClassVar[str] = "resolution"
     demonstrations: ActionEpisodes
-    question: Question
+    criteria: Criteria
     measure: Measure
     spectrum: Spectrum
     strides: list[Stride]
@@ -57,7 +57,7 @@ class ResolutionReport(Report):
             "dataset": self.demonstrations.folder,
             "n_episodes": len(self.demonstrations.episodes),
             "fps": self.demonstrations.fps,
-            "question": asdict(self.question),
+            "question": asdict(self.criteria),
             "verdict": self.verdict,
             "reasons": self.reasons,
             "thresholds": {

@@ -1,4 +1,4 @@
-"""What is asked of a dataset."""
+"""What is asked: of which dataset, and what its strides are held against."""
 
 import math
 from dataclasses import dataclass, field
@@ -8,8 +8,8 @@ from lerobot_act_chunking.errors import ConfigurationError, DatasetError
 
 
 @dataclass(frozen=True)
-class Question:
-    """What is asked of a dataset.
+class Criteria:
+    """What strides are tried, and held against.
 
     Attributes:
         horizon_s: time that a chunk covers [s].
@@ -27,7 +27,7 @@ class Question:
     gripper_dims: tuple[int, ...] = ()
 
     def check(self, n_dims: int) -> None:
-        """Refuse what cannot be answered.
+        """Refuse values that cannot work.
 
         Raises:
             ConfigurationError: naming the value and the way out.
@@ -53,14 +53,14 @@ class Settings:
 
     Attributes:
         dataset: a LeRobotDataset's folder.
-        question: what is asked of it.
+        criteria: what its strides are held against.
 
     Raises:
         DatasetError: there is no dataset.
     """
 
     dataset: str
-    question: Question = field(default_factory=Question)
+    criteria: Criteria = field(default_factory=Criteria)
 
     def __post_init__(self) -> None:
         if not is_dataset(self.dataset):

@@ -15,8 +15,8 @@ from lerobot_act_chunking.diagnostics.resolution.verdict import MOST_ABOVE_NYQUI
 
 def print_report(report: ResolutionReport, console: Console) -> None:
     """Print every stride, what the judged one does to each dimension, and the verdict."""
-    demonstrations, question = report.demonstrations, report.question
-    title = f"Chunks of {question.horizon_s:g} s at {demonstrations.fps:g} Hz"
+    demonstrations, criteria = report.demonstrations, report.criteria
+    title = f"Chunks of {criteria.horizon_s:g} s at {demonstrations.fps:g} Hz"
     console.print(f"[bold]{title}[/] [dim]({escape(demonstrations.folder)})[/]", soft_wrap=True)
     n_chunks = report.strides[0].reconstruction.n_chunks
     data = f"{n_chunks} chunks from {len(demonstrations.episodes)} episodes, sampled and interpolated:"

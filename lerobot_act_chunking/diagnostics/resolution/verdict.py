@@ -5,7 +5,7 @@ import numpy as np
 from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes
 from lerobot_act_chunking.diagnostics.core.noise_floor import NoiseFloor
 from lerobot_act_chunking.diagnostics.core.report import Judgement
-from lerobot_act_chunking.diagnostics.resolution.settings import Question
+from lerobot_act_chunking.diagnostics.resolution.settings import Criteria
 from lerobot_act_chunking.diagnostics.resolution.strides import Stride, Tolerance, counting
 
 MOST_ABOVE_NYQUIST = 0.01
@@ -14,7 +14,7 @@ FEWEST_STEPS = 256
 
 def judge(
     demonstrations: ActionEpisodes,
-    question: Question,
+    criteria: Criteria,
     judged: Stride,
     recommended: Stride,
     tolerance: Tolerance,
@@ -24,7 +24,7 @@ def judge(
 
     Args:
         demonstrations: the data.
-        question: what was asked.
+        criteria: what strides are held against.
         judged: the stride in question.
         recommended: the one to take instead, if that is too coarse.
         tolerance: what actions may be off.
@@ -39,9 +39,9 @@ def judge(
         return Judgement("inconclusive", [_nothing_moves(floor)])
     if not judged.worst <= tolerance.value:
         return Judgement("fail", [_too_coarse(judged, recommended, tolerance)])
-    within = f"at chunk_stride={judged.stride} {_told(judged, tolerance)} (95 % of the steps)"
+    within = f"at chunk_stride={judged.stride} {_deviation(judged, tolerance)} (95 % of the steps)"
     reasons = [f"{within}, allowed {tolerance}"]
-    counted = counting(floor, question.gripper_dims)
+    counted = counting(floor, criteria.gripper_dims)
     fast = [
         f"{demonstrations.names[dim]} ({share:.1%})"
         for dim in counted
@@ -52,10 +52,10 @@ def judge(
             f"but energy lies above {judged.nyquist_hz:.3g} Hz, which predictions so far apart cannot show, "
             f"and returns as slower motion that nobody demonstrated: {', '.join(fast)}"
         )
-    hold = [] if tolerance.unit == "mm" else _to_hold(judged, floor, question, tolerance)
+    hold = [] if tolerance.unit == "mm" else _to_hold(judged, floor, criteria, tolerance)
     if hold:
         named = ", ".join(f"{demonstrations.names[dim]} ({judged.shares[dim]:.1%})" for dim in hold)
-        dims = ",".join(map(str, sorted({*hold, *question.gripper_dims})))
+        dims = ",".join(map(str, sorted({*hold, *criteria.gripper_dims})))
         reasons.append(
             f"but hands or grippers are farther off: {named}; hold them between predictions: --gripper-dims "
             f"{dims} here, --policy.gripper_dims=[{dims}] of the policy"
@@ -63,24 +63,24 @@ def judge(
     return Judgement("warn" if len(reasons) > 1 else "pass", reasons)
 
 
-def _to_hold(judged: Stride, floor: NoiseFloor, question: Question, tolerance: Tolerance) -> list[int]:
+def _to_hold(judged: Stride, floor: NoiseFloor, criteria: Criteria, tolerance: Tolerance) -> list[int]:
     """Moving dimensions that did not count, and are too far off."""
-    apart = {*floor.moving} - {*counting(floor, question.gripper_dims)} - {*question.gripper_dims}
+    apart = {*floor.moving} - {*counting(floor, criteria.gripper_dims)} - {*criteria.gripper_dims}
     return [dim for dim in sorted(apart) if judged.shares[dim] > tolerance.value]
 
 
 def _nothing_moves(floor: NoiseFloor) -> str:
     still = all(found.kind == "constant" for found in floor.dimensions)
-    told = "no action ever changes" if still else "no action moves beyond its own noise"
-    return f"{told}: there is nothing to resolve"
+    reason = "no action ever changes" if still else "no action moves beyond its own noise"
+    return f"{reason}: there is nothing to resolve"
 
 
 def _too_coarse(judged: Stride, recommended: Stride, tolerance: Tolerance) -> str:
-    told = f"chunk_stride={judged.stride} is too coarse: {_told(judged, tolerance)} (95 % of the steps)"
-    return f"{told}, allowed {tolerance}; take chunk_stride={recommended.stride}"
+    found = f"chunk_stride={judged.stride} is too coarse: {_deviation(judged, tolerance)} (95 % of the steps)"
+    return f"{found}, allowed {tolerance}; take chunk_stride={recommended.stride}"
 
 
-def _told(stride: Stride, tolerance: Tolerance) -> str:
+def _deviation(stride: Stride, tolerance: Tolerance) -> str:
     if tolerance.unit == "mm":
         return f"a gripper is up to {stride.worst:.2g} mm off"
     return f"a joint is up to {stride.worst:.2%} of its range off"

@@ -22,4 +22,4 @@ def diagnose(settings: Settings, progress: Callable[[str, int], None] | None = N
     reports = compare(
         settings.sources, settings.evaluation, replan_interval=settings.replan_interval, progress=progress
     )
-    return SmoothnessComparison(asked=settings, sources=reports)
+    return SmoothnessComparison(requested=settings, sources=reports)

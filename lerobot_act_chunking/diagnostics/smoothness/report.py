@@ -103,16 +103,16 @@ class SmoothnessComparison(Report):
     """Smoothness of every source, in the same units. It judges none of them: it always passes.
 
     Attributes:
-        asked: what was asked.
+        requested: the settings of the diagnosis.
         sources: one report for each.
     """
 
     tool: ClassVar[str] = "act-chunking smoothness"
-    asked: Settings
+    requested: Settings
     sources: list[SmoothnessReport]
     judgement: Judgement = field(default_factory=lambda: Judgement("pass", []))
 
     def content(self) -> dict[str, Any]:
         """The settings they were made with, and the sources, free of NaN."""
-        settings = {**asdict(self.asked.evaluation), "replan_interval": self.asked.replan_interval}
+        settings = {**asdict(self.requested.evaluation), "replan_interval": self.requested.replan_interval}
         return {"settings": settings, "sources": [asdict(source) for source in self.sources]}

@@ -70,7 +70,7 @@ def chunk_table(reports: Sequence[SmoothnessReport]) -> Table:
 
 def notes(reports: Sequence[SmoothnessReport]) -> list[str]:
     """What to know about each source: which joints lag together, and what does not count."""
-    told = []
+    lines = []
     for report in reports:
         own = [_group(group, report) for group in report.lag_groups] if len(report.lag_groups) > 1 else []
         unknown = [
@@ -80,8 +80,8 @@ def notes(reports: Sequence[SmoothnessReport]) -> list[str]:
         ]
         if unknown and report.lag_groups:
             own.append(f"Lag unknown, motion and command are too unlike: {listed(unknown)}.")
-        told += [f"{report.name}: {note}" for note in (*own, *report.notes)]
-    return told
+        lines += [f"{report.name}: {note}" for note in (*own, *report.notes)]
+    return lines
 
 
 def _group(group: LagGroup, report: SmoothnessReport) -> str:

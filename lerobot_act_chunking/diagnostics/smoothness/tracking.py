@@ -58,9 +58,9 @@ def track(
     """
     later = made_from_states(commands, positions, moving) if len(positions) else None
     if not len(positions) or later is not None:
-        told = None if later is None else MADE_FROM_STATES.format(later=later)
-        undefined = {} if told is None else dict.fromkeys((*names, *groups), told)
-        return Tracking(dict.fromkeys(names), dict.fromkeys(groups), undefined=undefined, note=told)
+        note = None if later is None else MADE_FROM_STATES.format(later=later)
+        undefined = {} if note is None else dict.fromkeys((*names, *groups), note)
+        return Tracking(dict.fromkeys(names), dict.fromkeys(groups), undefined=undefined, note=note)
     products = lag_products(commands, positions, dt)
     undefined: dict[str, str] = {}
     joints = {

@@ -68,7 +68,7 @@ def diagnose(
     judgement = judge(sweep, grid.own, tolerance, held_out.measure.unit)
     judgement = with_untrained(judgement, untrained(settings.checkpoint))
     return StepsReport(
-        asked=settings,
+        requested=settings,
         settings=_as_executed(config, n_steps),
         own=grid.own,
         held_out=held_out,

@@ -20,7 +20,7 @@ from lerobot_act_chunking.diagnostics.steps.statistics import (
     spread,
 )
 
-CROWD_STEPS = 20
+DISTRIBUTION_STEPS = 20
 """Step counts up to which whole distributions are compared, not only pairs."""
 FLIPPED = 0.75
 """Share of the distance between two modes from which a pair is in two modes; a blur of both is half-way."""
@@ -61,13 +61,13 @@ class Scale:
     """How much is measured.
 
     Attributes:
-        crowd: observations, of those held out, that get many samples.
-        noises: samples for each of them.
+        distributions: observations, of those held out, that get many samples: a distribution of chunks each.
+        noises: samples for each of these.
         tolerance: differences that do not matter, in the measure's unit.
         seed: of the noise.
     """
 
-    crowd: int = 32
+    distributions: int = 32
     noises: int = 16
     tolerance: float = 0.5
     seed: int = 0
@@ -113,22 +113,24 @@ class _Run:
         self.near = demonstrated.near_contact
         self.demonstrated = measure.points(demonstrated.actions)
         self.rows = np.arange(len(self.near))
-        self.crowd = _crowd(self.near, scale.crowd)
+        self.distribution_rows = _choose_rows(self.near, scale.distributions)
         generator = torch.Generator().manual_seed(scale.seed)
         self.noise = torch.randn(1, len(self.rows), *subject.noise_shape, generator=generator)
-        self.crowd_noise = torch.randn(
-            scale.noises, len(self.crowd), *subject.noise_shape, generator=generator
+        self.distribution_noise = torch.randn(
+            scale.noises, len(self.distribution_rows), *subject.noise_shape, generator=generator
         )
         self.progress, self.done = progress, 0
         first, second = grid.references
         others = [cell for cell in grid.cells if cell != first]
-        self.planned = sum(self._cost(cell, crowd=self._compares_crowds(cell)) for cell in others)
-        self.planned += self._cost(first, crowd=True) + self._cost(second, crowd=False)
+        self.planned = sum(
+            self._cost(cell, distribution=self._compares_distributions(cell)) for cell in others
+        )
+        self.planned += self._cost(first, distribution=True) + self._cost(second, distribution=False)
 
     def sweep(self) -> Sweep:
         first, second = self.grid.references
         self.reference = self._pairs(first)
-        self.modes = find_all_modes(self._crowd_samples(first), self.scale.tolerance)
+        self.modes = find_all_modes(self._distribution_samples(first), self.scale.tolerance)
         several = [modes for modes in self.modes if modes.count > 1]
         self.separation = min((modes.separation for modes in several), default=np.inf)
         reference = self._reference(self._pairs(second), several)
@@ -182,10 +184,12 @@ class _Run:
         return dict(zip(self.measure.names, worst.tolist(), strict=True))
 
     def _distribution(self, cell: Cell) -> dict[str, Any]:
-        if not self._compares_crowds(cell):
+        if not self._compares_distributions(cell):
             return {}
         is_reference = cell == self.grid.references[0]
-        samples = [modes.samples for modes in self.modes] if is_reference else self._crowd_samples(cell)
+        samples = (
+            [modes.samples for modes in self.modes] if is_reference else self._distribution_samples(cell)
+        )
         pairs = list(zip(samples, self.modes, strict=True))
         energies, largest = zip(*(energy_distance(each, modes.samples) for each, modes in pairs), strict=True)
         masses = [modes.masses(each)[-1] for each, modes in pairs if modes.count > 1]
@@ -198,32 +202,32 @@ class _Run:
         }
 
     def _spreads(self, samples: list[np.ndarray], *, by_mode: bool = True) -> np.ndarray:
-        """RMS spread near contact of each observation of the crowd; NaN for those away from it."""
+        """RMS spread near contact of each observation with many samples; NaN for those away from it."""
         pairs = zip(samples, self.modes, strict=True)
         labels = [modes.assign(each) if by_mode else None for each, modes in pairs]
         spreads = np.stack([spread(each, of) for each, of in zip(samples, labels, strict=True)])
-        return np.sqrt(_mean_at(spreads**2, self.near[self.crowd]))
+        return np.sqrt(_mean_at(spreads**2, self.near[self.distribution_rows]))
 
     def _without_flips(self, errors: np.ndarray) -> np.ndarray:
         return np.where(errors > FLIPPED * self.separation, np.nan, errors)
 
-    def _compares_crowds(self, cell: Cell) -> bool:
-        return cell.n_steps <= CROWD_STEPS or cell in (self.grid.own, self.grid.references[0])
+    def _compares_distributions(self, cell: Cell) -> bool:
+        return cell.n_steps <= DISTRIBUTION_STEPS or cell in (self.grid.own, self.grid.references[0])
 
     def _pairs(self, cell: Cell) -> np.ndarray:
         """Points (M, T, P, C) of one sample for each observation."""
         actions = self.subject.sample(cell, self.rows, self.noise)[0]
-        self._count(self._cost(cell, crowd=False))
+        self._count(self._cost(cell, distribution=False))
         return self.measure.points(actions)
 
-    def _crowd_samples(self, cell: Cell) -> list[np.ndarray]:
-        """Points (N, T, P, C) of many samples, for each observation of the crowd."""
-        actions = self.subject.sample(cell, self.crowd, self.crowd_noise)
-        self._count(self.grid.evaluations[cell] * self.crowd_noise[..., 0, 0].numel())
+    def _distribution_samples(self, cell: Cell) -> list[np.ndarray]:
+        """Points (N, T, P, C) of many samples, for each observation that gets them."""
+        actions = self.subject.sample(cell, self.distribution_rows, self.distribution_noise)
+        self._count(self.grid.evaluations[cell] * self.distribution_noise[..., 0, 0].numel())
         return list(np.moveaxis(self.measure.points(actions), 1, 0))
 
-    def _cost(self, cell: Cell, *, crowd: bool) -> int:
-        chunks = len(self.rows) + (self.crowd_noise[..., 0, 0].numel() if crowd else 0)
+    def _cost(self, cell: Cell, *, distribution: bool) -> int:
+        chunks = len(self.rows) + (self.distribution_noise[..., 0, 0].numel() if distribution else 0)
         return self.grid.evaluations[cell] * chunks
 
     def _count(self, evaluations: int) -> None:
@@ -232,7 +236,7 @@ class _Run:
             self.progress(self.done, self.planned)
 
 
-def _crowd(near: np.ndarray, size: int) -> np.ndarray:
+def _choose_rows(near: np.ndarray, size: int) -> np.ndarray:
     """Rows (size,) evenly from the observations near contact and, for what is missing, from the others."""
     touching, others = np.flatnonzero(near.any(1)), np.flatnonzero(~near.any(1))
     n_touching = min(len(touching), max(size // 2, size - len(others)))

@@ -114,9 +114,11 @@ def recommend(sweep: Sweep, series: list[Series], limit: str | None) -> Recommen
 
 def on_plateau(sweep: Sweep, cell: Cell, tolerance: float) -> bool:
     """Whether a cell is precise, as good as the reference, and no more steps of its sampler are better."""
-    kin = [r for r in sweep.cells if (r.cell.sampler, r.cell.spacing) == (cell.sampler, cell.spacing)]
+    same_sampler = [
+        r for r in sweep.cells if (r.cell.sampler, r.cell.spacing) == (cell.sampler, cell.spacing)
+    ]
     here = sweep.of(cell)
-    reference, later = sweep.reference.demonstration_error, kin[kin.index(here) + 1 :][:2]
+    reference, later = sweep.reference.demonstration_error, same_sampler[same_sampler.index(here) + 1 :][:2]
     improved = [here.demonstration_error - result.demonstration_error for result in later]
     return (
         here.error is not None

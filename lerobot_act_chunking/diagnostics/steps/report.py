@@ -18,13 +18,13 @@ class StepsReport(Report):
     """The answer to: are these denoising steps enough, and would more help?
 
     Attributes:
-        asked: what was asked.
+        requested: the settings of the diagnosis.
         settings: how the policy samples and executes.
         own: the cell that is judged.
     """
 
     tool: ClassVar[str] = "steps"
-    asked: Settings
+    requested: Settings
     settings: dict[str, Any]
     own: Cell
     held_out: HeldOut
@@ -44,7 +44,7 @@ class StepsReport(Report):
         judgement = self.judgement
         recommended = judgement.recommended
         return {
-            "checkpoint": self.asked.checkpoint,
+            "checkpoint": self.requested.checkpoint,
             "policy_type": self.settings["type"],
             "settings": self.settings,
             "dataset": self.held_out.dataset,
@@ -53,7 +53,7 @@ class StepsReport(Report):
             "n_observations": self.sweep.n_observations,
             "n_near_contact": self.sweep.n_near_contact,
             "fps": self.held_out.fps,
-            "seed": self.asked.seed,
+            "seed": self.requested.seed,
             "verdict": self.verdict,
             "reasons": self.reasons,
             "thresholds": self._thresholds(),

@@ -66,5 +66,5 @@ def success_by_steps(
 
 def cells_to_run(own: Cell, cells: Sequence[Cell]) -> list[Cell]:
     """The policy's own sampler with few steps, where success may depend on them."""
-    kin = [cell for cell in cells if (cell.sampler, cell.spacing) == (own.sampler, own.spacing)]
-    return [cell for cell in kin if cell.n_steps <= MOST_STEPS or cell == own]
+    same_sampler = [cell for cell in cells if (cell.sampler, cell.spacing) == (own.sampler, own.spacing)]
+    return [cell for cell in same_sampler if cell.n_steps <= MOST_STEPS or cell == own]

@@ -13,7 +13,7 @@ from lerobot_act_chunking.diagnostics.steps.results import CellResult, Quantiles
 
 def print_report(report: StepsReport, console: Console) -> None:
     """Print the sweep, what the model itself is worth, what to know about it, and the verdict."""
-    source = f"[dim]({report.settings['objective']}, {report.asked.checkpoint})[/]"
+    source = f"[dim]({report.settings['objective']}, {report.requested.checkpoint})[/]"
     console.print(f"[bold]{report.own} of {report.settings['type']}[/] {source}", soft_wrap=True)
     console.print(f"Error of 95 % of the chunks against {report.sweep.reference.cell}, in {report.unit}:")
     console.print(_sweep_table(report))
@@ -68,8 +68,8 @@ def _rows(report: StepsReport) -> list[tuple[str, str]]:
 
 
 def _by_series(series: Sequence[Series], values: Sequence[float | None], form: str) -> str:
-    told = ("-" if value is None else format(value, form) for value in values)
-    return ", ".join(f"{each.name} {value}" for each, value in zip(series, told, strict=True))
+    texts = ("-" if value is None else format(value, form) for value in values)
+    return ", ".join(f"{each.name} {value}" for each, value in zip(series, texts, strict=True))
 
 
 def _observations(report: StepsReport) -> str:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked import VqbetChunkedConfig
 
 HEADER = "act_chunking_tokenizer"
+_TRAINING = "lessons"  # the name of `TokenizerInfo.training` in files
 TOLERANCE = 1e-5
 """How far statistics may differ, relative to their largest value: what float32 rounds."""
 
@@ -72,7 +73,7 @@ class TokenizerInfo:
         statistics: the two that the normalisation uses, floored.
         dataset: folder of the demonstrations.
         n_frames: how many control steps they have.
-        lessons: how it was trained.
+        training: how it was trained.
     """
 
     spec: TokenizerSpec
@@ -82,7 +83,7 @@ class TokenizerInfo:
     statistics: dict[str, list[float]]
     dataset: str
     n_frames: int
-    lessons: TokenizerTraining
+    training: TokenizerTraining
 
     @property
     def policy_fields(self) -> dict[str, Any]:
@@ -92,7 +93,9 @@ class TokenizerInfo:
 
     def to_json(self) -> str:
         """As text."""
-        return json.dumps(asdict(self))
+        values = asdict(self)
+        values[_TRAINING] = values.pop("training")
+        return json.dumps(values)
 
     @classmethod
     def from_json(cls, text: str) -> "TokenizerInfo":
@@ -100,7 +103,7 @@ class TokenizerInfo:
         values = json.loads(text)
         parts = {
             "spec": TokenizerSpec.from_values(values["spec"]),
-            "lessons": TokenizerTraining(**values["lessons"]),
+            "training": TokenizerTraining(**values.pop(_TRAINING)),
         }
         return cls(**values | parts)
 

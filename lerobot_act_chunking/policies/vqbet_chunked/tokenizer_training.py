@@ -67,7 +67,7 @@ class Trained:
 
 
 def plan_training(
-    dataset: Path, preset: str, fields: Mapping[str, Any], lessons: TokenizerTraining
+    dataset: Path, preset: str, fields: Mapping[str, Any], training: TokenizerTraining
 ) -> tuple[TokenizerInfo, ActionChunks]:
     """What to train, and on what, for a policy with these settings.
 
@@ -75,13 +75,13 @@ def plan_training(
         dataset: folder of a LeRobotDataset.
         preset: of `VqbetChunkedConfig`, for the fields that are not given.
         fields: of `VqbetChunkedConfig`, and ``normalization``, that of actions.
-        lessons: how to train.
+        training: how to train.
 
     Raises:
         ConfigurationError: a setting cannot work.
         DatasetError: the dataset cannot be read, or cannot be normalised in this way.
     """
-    lessons.check()
+    training.check()
     values = {**preset_values(preset, tokenizer=fields.get("tokenizer"), pretrained=False), **fields}
     mode, modes = values.get("normalization"), [each.value for each in NormalizationMode]
     mode = values["normalization_mapping"]["ACTION"].value if mode is None else mode.upper()
@@ -114,7 +114,7 @@ def plan_training(
         statistics=chunks.statistics,
         dataset=str(dataset),
         n_frames=len(chunks),
-        lessons=lessons,
+        training=training,
     )
     return info, chunks
 
@@ -140,7 +140,7 @@ def train_tokenizer(
         _refuse_other(read_info(output), info, output)
         tokenizer = make_tokenizer(info.spec)
         tokenizer.load_state_dict(load_tokenizer(output).state)
-        return _measure(tokenizer, info, chunks, info.lessons.steps)
+        return _measure(tokenizer, info, chunks, info.training.steps)
     training = _Training(info, output.with_name(f"{output.name}.training"))
     before = training.done
     training.run(chunks, progress)
@@ -156,10 +156,10 @@ class _Training:
         self.info = info
         self.path = path
         self.done = 0
-        with seeded(info.lessons.seed, torch.device("cpu")):
+        with seeded(info.training.seed, torch.device("cpu")):
             self.tokenizer = make_tokenizer(info.spec)
         self.optimizer = torch.optim.AdamW(
-            self.tokenizer.parameters(), lr=info.lessons.lr, weight_decay=info.lessons.weight_decay
+            self.tokenizer.parameters(), lr=info.training.lr, weight_decay=info.training.weight_decay
         )
         if path.exists():
             self._resume()
@@ -167,7 +167,7 @@ class _Training:
     def run(self, chunks: ActionChunks, progress: Progress) -> None:
         """All steps that are left."""
         saved = monotonic()
-        while self.done < self.info.lessons.steps:
+        while self.done < self.info.training.steps:
             numbers = self._step(chunks)
             self.done += 1
             progress(self.done, numbers)
@@ -176,14 +176,14 @@ class _Training:
                 saved = monotonic()
 
     def _step(self, chunks: ActionChunks) -> dict[str, float]:
-        lessons = self.info.lessons
-        batch_seed, seed = np.random.SeedSequence((lessons.seed, self.done)).generate_state(2, np.uint64)
-        rows = np.random.default_rng(batch_seed).integers(len(chunks), size=lessons.batch_size)
+        training = self.info.training
+        batch_seed, seed = np.random.SeedSequence((training.seed, self.done)).generate_state(2, np.uint64)
+        rows = np.random.default_rng(batch_seed).integers(len(chunks), size=training.batch_size)
         learned = self.tokenizer.learn(*chunks.take(rows), int(seed))
         loss = learned.loss.mean()
         if not torch.isfinite(loss):
             raise ConfigurationError(
-                f"the loss is not finite in step {self.done + 1}: lower --lr (now {lessons.lr:g})"
+                f"the loss is not finite in step {self.done + 1}: lower --lr (now {training.lr:g})"
             )
         self.optimizer.zero_grad()
         loss.backward()
@@ -222,7 +222,7 @@ def _refuse_other(found: TokenizerInfo, wanted: TokenizerInfo, path: Path) -> No
 
 def _flat(values: dict[str, Any]) -> dict[str, Any]:
     """Settings by their own names; the same data may have moved to another folder."""
-    nested = values.pop("spec") | values.pop("lessons")
+    nested = values.pop("spec") | values.pop("training")
     del values["dataset"]
     return values | nested
 

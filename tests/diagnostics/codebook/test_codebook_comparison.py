@@ -37,7 +37,9 @@ def waves(n=5, length=60):
 
 
 def compared(data=None, *, steps=30, allowed=0.1, **options):
-    return compare(data or waves(), ChunkTiming(1, C), Thresholds.losing(allowed), steps=steps, **options)
+    return compare(
+        data or waves(), ChunkTiming(1, C), Thresholds.with_max_lost(allowed), steps=steps, **options
+    )
 
 
 @pytest.fixture(scope="module")

@@ -129,8 +129,8 @@ def test_the_worst_comes_first():
 
 
 def test_what_may_be_lost_is_an_option():
-    assert Thresholds.losing(0.2).lost_variance == (0.2, 0.5)
-    assert Thresholds.losing(0.7).lost_variance == (0.7, 0.7)
+    assert Thresholds.with_max_lost(0.2).lost_variance == (0.2, 0.5)
+    assert Thresholds.with_max_lost(0.7).lost_variance == (0.7, 0.7)
     for share in (0, 1, -0.1):
         with pytest.raises(ConfigurationError, match=f"max_lost={share} must be between 0 and 1"):
-            Thresholds.losing(share)
+            Thresholds.with_max_lost(share)

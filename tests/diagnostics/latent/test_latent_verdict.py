@@ -4,10 +4,10 @@ import pytest
 
 from lerobot_act_chunking.diagnostics.latent.figures import Group, Health, PriorCheck
 from lerobot_act_chunking.diagnostics.latent.settings import Thresholds
-from lerobot_act_chunking.diagnostics.latent.verdict import Evidence, judge
+from lerobot_act_chunking.diagnostics.latent.verdict import Measurements, judge
 
 
-def evidence(
+def measured(
     *,
     active=True,
     by_place=0.1,
@@ -19,7 +19,7 @@ def evidence(
     **config,
 ):
     usual = {"kl_weight": 10.0, "z_inference": "sample", "latent_type": "gaussian"}
-    return Evidence(
+    return Measurements(
         config=SimpleNamespace(**{**usual, **config}),
         health=Health(1.5, [1.5, 0.0], [0.4 if active else 1e-4, 1e-4], by_place),
         errors={"posterior": 0.1, "shuffled": shuffled},
@@ -30,7 +30,7 @@ def evidence(
 
 
 def found(**facts):
-    judgement = judge(evidence(**facts), Thresholds())
+    judgement = judge(measured(**facts), Thresholds())
     return judgement.diagnosis, judgement.verdict, "; ".join(judgement.reasons)
 
 

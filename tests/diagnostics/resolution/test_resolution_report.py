@@ -9,7 +9,7 @@ from rich.console import Console
 from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes
 from lerobot_act_chunking.diagnostics.resolution.measuring import measure
 from lerobot_act_chunking.diagnostics.resolution.plots import plot_report
-from lerobot_act_chunking.diagnostics.resolution.settings import Question
+from lerobot_act_chunking.diagnostics.resolution.settings import Criteria
 from lerobot_act_chunking.diagnostics.resolution.terminal import print_report, share
 from lerobot_act_chunking.envs.aloha.experts.kinematics import HOME_JOINTS
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
@@ -41,7 +41,7 @@ def shown(report):
 
 
 def test_slow_motion_passes_and_names_its_flags():
-    report = measure(demonstrations(0.25, 0.5), Question(horizon_s=1.0))
+    report = measure(demonstrations(0.25, 0.5), Criteria(horizon_s=1.0))
     assert (report.verdict, report.exit_code) == ("pass", 0)
     stride = report.recommended.stride
     assert stride > 1
@@ -51,13 +51,13 @@ def test_slow_motion_passes_and_names_its_flags():
 
 
 def test_fast_motion_asks_for_every_step():
-    report = measure(demonstrations(3, 0.5), Question(horizon_s=1.0))
+    report = measure(demonstrations(3, 0.5), Criteria(horizon_s=1.0))
     assert (report.verdict, report.recommended.stride) == ("pass", 1)
 
 
 @pytest.mark.parametrize(("chunk_stride", "verdict", "code"), [(2, "pass", 0), (25, "fail", 11)])
 def test_the_stride_in_mind_is_judged(chunk_stride, verdict, code):
-    report = measure(demonstrations(0.25, 0.5), Question(horizon_s=1.0, chunk_stride=chunk_stride))
+    report = measure(demonstrations(0.25, 0.5), Criteria(horizon_s=1.0, chunk_stride=chunk_stride))
     assert (report.verdict, report.exit_code) == (verdict, code)
     assert f"chunk_stride={chunk_stride} " in report.reasons[0]
     if code:
@@ -66,13 +66,13 @@ def test_the_stride_in_mind_is_judged(chunk_stride, verdict, code):
 
 def test_energy_beyond_nyquist_is_a_warning_that_names_the_dimension():
     """A generous tolerance lets a stride pass that cannot show the faster wave."""
-    question = Question(horizon_s=1.0, strides=(10,), tolerance=5.0)
-    report = measure(demonstrations(0.5, 3.2), question)
+    criteria = Criteria(horizon_s=1.0, strides=(10,), tolerance=5.0)
+    report = measure(demonstrations(0.5, 3.2), criteria)
     assert (report.verdict, report.exit_code) == ("warn", 0)
     assert "energy lies above 2.5 Hz" in report.reasons[1]
     assert "joint_1 (" in report.reasons[1]
     assert "joint_0" not in report.reasons[1]
-    held = measure(demonstrations(0.5, 3.2), Question(1.0, (10,), tolerance=5.0, gripper_dims=(1,)))
+    held = measure(demonstrations(0.5, 3.2), Criteria(1.0, (10,), tolerance=5.0, gripper_dims=(1,)))
     assert held.verdict == "pass"
     assert "Held between predictions" in held.notes[0]
     assert "joint_1" in held.notes[0]
@@ -86,7 +86,7 @@ def test_energy_beyond_nyquist_is_a_warning_that_names_the_dimension():
     ],
 )
 def test_what_cannot_be_judged(data, reason, tmp_path):
-    report = measure(data, Question(horizon_s=1.0))
+    report = measure(data, Criteria(horizon_s=1.0))
     assert (report.verdict, report.exit_code) == ("inconclusive", 10)
     assert reason in report.reasons[0]
     assert reason in shown(report)
@@ -95,7 +95,7 @@ def test_what_cannot_be_judged(data, reason, tmp_path):
 
 
 def test_aloha_is_judged_in_millimetres(tmp_path):
-    report = measure(aloha(), Question(horizon_s=1.0))
+    report = measure(aloha(), Criteria(horizon_s=1.0))
     assert str(report.tolerance) == "0.5 mm"
     assert report.verdict == "pass"
     found = {stride.stride: stride for stride in report.strides}
@@ -109,28 +109,28 @@ def test_aloha_is_judged_in_millimetres(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("question", "message"),
+    ("criteria", "message"),
     [
-        (Question(horizon_s=0.0), "horizon_s=0 must be above 0, and finite"),
-        (Question(horizon_s=float("nan")), "horizon_s=nan must be"),
-        (Question(tolerance=-1.0), "tolerance=-1 must be above 0"),
-        (Question(strides=(2, 0)), "a stride of 0 must be at least 1 control step"),
-        (Question(chunk_stride=-3), "a stride of -3 must be at least 1"),
+        (Criteria(horizon_s=0.0), "horizon_s=0 must be above 0, and finite"),
+        (Criteria(horizon_s=float("nan")), "horizon_s=nan must be"),
+        (Criteria(tolerance=-1.0), "tolerance=-1 must be above 0"),
+        (Criteria(strides=(2, 0)), "a stride of 0 must be at least 1 control step"),
+        (Criteria(chunk_stride=-3), "a stride of -3 must be at least 1"),
         (
-            Question(gripper_dims=(1, 2)),
+            Criteria(gripper_dims=(1, 2)),
             r"gripper_dims=\[1, 2\]: 2 is no dimension of these actions, which have 2",
         ),
-        (Question(horizon_s=1.0, chunk_stride=60), "longer than --horizon-s=1"),
-        (Question(horizon_s=0.001), "is shorter than a control step"),
+        (Criteria(horizon_s=1.0, chunk_stride=60), "longer than --horizon-s=1"),
+        (Criteria(horizon_s=0.001), "is shorter than a control step"),
     ],
 )
-def test_what_cannot_be_answered_is_refused(question, message):
+def test_what_cannot_be_answered_is_refused(criteria, message):
     with pytest.raises(ConfigurationError, match=message):
-        measure(demonstrations(0.5, 1.0), question)
+        measure(demonstrations(0.5, 1.0), criteria)
 
 
 def test_the_card_shows_every_stride_and_dimension():
-    report = measure(demonstrations(0.25, 0.5), Question(horizon_s=1.0))
+    report = measure(demonstrations(0.25, 0.5), Criteria(horizon_s=1.0))
     text = shown(report)
     assert "Chunks of 1 s at 50 Hz (data/waves)" in text
     assert f"{252} chunks from 2 episodes" in text
@@ -143,7 +143,7 @@ def test_the_card_shows_every_stride_and_dimension():
 
 
 def test_json_holds_every_number(tmp_path):
-    report = measure(demonstrations(0.25, 0), Question(horizon_s=1.0, strides=(5,)))
+    report = measure(demonstrations(0.25, 0), Criteria(horizon_s=1.0, strides=(5,)))
     content = json.loads(report.write(tmp_path / "deep" / "report.json").read_text())
     assert content["tool"] == "resolution"
     assert content["recommended"] == {"chunk_stride": 5, "chunk_size": 11}
@@ -153,7 +153,7 @@ def test_json_holds_every_number(tmp_path):
     assert five["dimensions"][1]["above_nyquist"] is None
     assert five["dimensions"][0]["p95"] > 0
     assert five["farthest"] is None
-    assert content["question"]["strides"] == [5]
+    assert content["criteria"]["strides"] == [5]
 
 
 @pytest.mark.parametrize(
@@ -164,6 +164,6 @@ def test_shares_are_readable(value, text):
 
 
 def test_a_picture_of_the_smallest_stride_alone(tmp_path):
-    report = measure(demonstrations(0.25, 0.5), Question(horizon_s=0.04))
+    report = measure(demonstrations(0.25, 0.5), Criteria(horizon_s=0.04))
     assert [stride.stride for stride in report.strides] == [1]
     assert plot_report(report, tmp_path / "one.png").stat().st_size > 1000

@@ -176,7 +176,7 @@ def test_joints_without_grippers_form_one_group():
 
 def compared(reports):
     asked = Settings(("a", "b"), EvaluationSpec(seed=1), replan_interval=5)
-    return SmoothnessComparison(asked=asked, sources=reports)
+    return SmoothnessComparison(requested=asked, sources=reports)
 
 
 def test_json_is_strict_and_complete():

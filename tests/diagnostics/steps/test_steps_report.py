@@ -27,12 +27,14 @@ SETTINGS = {"type": "diffusion_chunked", "objective": "flow", "executed_steps": 
 
 def report_of(subject, grid, tolerance=0.3, *, seen=False, configured=None):
     demonstrated = subject.demonstrated()
-    sweep = run_sweep(subject, grid, demonstrated, MEASURE, Scale(crowd=8, noises=12, tolerance=tolerance))
+    sweep = run_sweep(
+        subject, grid, demonstrated, MEASURE, Scale(distributions=8, noises=12, tolerance=tolerance)
+    )
     judgement = judge(sweep, grid.own, tolerance, MEASURE.unit)
     held_out = HeldOut("demos", 50.0, [7, 8, 9], seen, {}, demonstrated, MEASURE)
     told = notes.notes_on(sweep, judgement, held_out, configured or grid.own, grid.own)
     return StepsReport(
-        asked=Settings("checkpoint"),
+        requested=Settings("checkpoint"),
         settings=SETTINGS,
         own=grid.own,
         held_out=held_out,

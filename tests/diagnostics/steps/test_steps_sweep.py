@@ -12,7 +12,7 @@ from lerobot_act_chunking.diagnostics.steps.plateau import BELOW_MODEL, CONVERGE
 from lerobot_act_chunking.diagnostics.steps.verdict import judge
 
 WIDTH = 0.4
-SCALE = Scale(crowd=12, noises=16, tolerance=0.3, seed=3)
+SCALE = Scale(distributions=12, noises=16, tolerance=0.3, seed=3)
 
 
 def sweep_of(subject, grid, scale=SCALE, demonstrated=None):
@@ -75,7 +75,7 @@ def test_the_references_agree_and_the_reference_has_no_error(narrow):
 def test_the_models_own_spread_is_measured_near_contact(narrow):
     _, _, sweep = narrow
     assert sweep.reference.spread["p50"] == pytest.approx(WIDTH, rel=0.1)
-    assert sweep.reference.spread["count"] == 6  # half of the crowd is near contact
+    assert sweep.reference.spread["count"] == 6  # half of those with many samples are near contact
     assert sweep.reference.mode_counts == [12]
     assert sweep.reference.separation is None
     assert sweep.of(Cell("euler", 3)).spread == pytest.approx(gain("euler", 3), rel=0.15)
@@ -102,7 +102,7 @@ def test_errors_by_phase(narrow):
     result = sweep.of(Cell("euler", 3))
     assert result.error_near_contact["count"] == 40
     assert result.error_elsewhere["count"] == 256
-    assert sweep.reference.spread["count"] == 6  # of the crowd of 12, those near contact
+    assert sweep.reference.spread["count"] == 6  # of 12 with many samples, those near contact
     assert result.error_near_contact["p50"] < result.error_elsewhere["p50"]  # one step against five
     assert set(result.error_by_point) == {"x", "y"}
     assert max(result.error_by_point.values()) <= result.error["p95"]
@@ -176,7 +176,7 @@ def test_a_spread_beyond_the_tolerance_is_the_models(narrow):
 
 def test_a_blur_of_several_modes_is_not_recommended_however_near_the_demonstrations():
     subject, grid = three_modes(masses=(0.5, 0.5), width=0.2), grid_of(samplers=["euler"])
-    sweep = sweep_of(subject, grid, Scale(crowd=8, noises=40, tolerance=0.01))
+    sweep = sweep_of(subject, grid, Scale(distributions=8, noises=40, tolerance=0.01))
     judgement = judge(sweep, grid.own, 0.01, "units")
     assert sweep.reference.separation is not None
     assert judgement.limit == SPREAD
@@ -250,7 +250,7 @@ def test_few_observations_judge_nothing():
 @pytest.fixture(scope="module")
 def threefold():
     subject, grid = three_modes(), grid_of(samplers=["euler"])
-    return sweep_of(subject, grid, Scale(crowd=6, noises=200, tolerance=0.3))
+    return sweep_of(subject, grid, Scale(distributions=6, noises=200, tolerance=0.3))
 
 
 def test_modes_are_found_with_their_masses(threefold):

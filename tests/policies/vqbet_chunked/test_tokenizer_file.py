@@ -34,7 +34,7 @@ INFO = TokenizerInfo(
     statistics=STATISTICS,
     dataset="demos",
     n_frames=40,
-    lessons=TokenizerTraining(steps=3),
+    training=TokenizerTraining(steps=3),
 )
 
 

@@ -177,7 +177,7 @@ def test_a_finished_tokenizer_is_measured_not_trained_again(dataset, tmp_path):
     first = train_tokenizer(tmp_path / "t", info, chunks)
     before = (tmp_path / "t").stat()
     again = train_tokenizer(tmp_path / "t", info, chunks)
-    assert again.steps_before == info.lessons.steps
+    assert again.steps_before == info.training.steps
     assert (again.error, again.used_codes) == (first.error, first.used_codes)
     assert (tmp_path / "t").stat().st_mtime_ns == before.st_mtime_ns
 

@@ -40,7 +40,7 @@ def script(object_pose: np.ndarray) -> Script:
         ready=(_MEETING_X + _SOCKET_OFFSET - 0.05, _MEETING_Z),
         pushed_x=_MEETING_X + _SOCKET_OFFSET,
     )
-    return Script(left, right, duration=5.0, pauses=(1.8,))
+    return Script(left, right, duration=5.0, pauses=(1.8,), pauses_after=(2.0, 3.45))
 
 
 def _arm(grasp: tuple[float, float, float], ready: tuple[float, float], pushed_x: float) -> ArmScript:

@@ -8,6 +8,8 @@ import numpy as np
 from lerobot_act_chunking.envs.aloha.world import CONTROL_PERIOD
 
 _PAUSE_WINDOW = 0.1  # stretch [s] of the script over which a pause is spread, so that nothing stops at once
+_MISSED_BY = 0.06  # height [m] above the object at which fingers close that miss it
+_RETRY = 1.2  # [s] from a missed grasp to the next
 
 
 @dataclass(frozen=True)
@@ -41,12 +43,26 @@ class Script:
     Attributes:
         duration: length [s] at nominal pace.
         pauses: moments [s] at which a dwell is inserted.
+        pauses_after: moments [s] right after a contact, or before two parts meet.
+        missing_arm: the arm that closes its fingers on nothing if a grasp is missed.
     """
 
     left: ArmScript
     right: ArmScript
     duration: float
     pauses: tuple[float, ...]
+    pauses_after: tuple[float, ...] = ()
+    missing_arm: str = "right"
+
+    @property
+    def beginning(self) -> float:
+        """When [s] the first stroke begins; before 0, where an episode without a rest joins it."""
+        return min(stroke.start for arm in (self.left, self.right) for stroke in (*arm.tool, *arm.gripper))
+
+    @property
+    def end(self) -> float:
+        """When [s] the last stroke has ended, past the ``duration`` of an episode without a rest."""
+        return max(stroke.end for arm in (self.left, self.right) for stroke in (*arm.tool, *arm.gripper))
 
 
 def minimum_jerk(phase: np.ndarray) -> np.ndarray:
@@ -55,23 +71,39 @@ def minimum_jerk(phase: np.ndarray) -> np.ndarray:
     return phase**3 * (10 - 15 * phase + 6 * phase**2)
 
 
-def blend(times: np.ndarray, origin: Sequence[float] | np.ndarray, strokes: Sequence[Stroke]) -> np.ndarray:
+def overshooting(phase: np.ndarray, share: float) -> np.ndarray:
+    """The minimum-jerk profile that goes ``share`` too far around its end and is corrected right after.
+
+    As two submovements of a hand: the first too long, the second back (Meyer et al. 1988).
+    """
+    return minimum_jerk(phase) + share * _bump((phase - 0.75) / 0.45)
+
+
+def blend(
+    times: np.ndarray,
+    origin: Sequence[float] | np.ndarray,
+    strokes: Sequence[Stroke],
+    overshoot: float = 0.0,
+) -> np.ndarray:
     """Superpose strokes: each adds its displacement in its own time, so overlapping ones round the corner.
 
     Args:
         times: (T,) [s].
         origin: (D,) value before the first stroke.
         strokes: in the order in which their targets follow each other.
+        overshoot: of strokes to free targets, as a share of their displacement.
 
     Returns:
-        (T, D); two times continuously differentiable, and never beyond a target unless strokes overlap.
+        (T, D); two times continuously differentiable, and never beyond a target unless strokes overlap or
+        overshoot.
     """
     value = np.asarray(origin, dtype=np.float64)
     path = np.tile(value, (len(times), 1))
     for stroke in strokes:
         target = np.asarray(stroke.target, dtype=np.float64)
         phase = (times - stroke.start) / (stroke.end - stroke.start)
-        path += minimum_jerk(phase)[:, None] * (target - value)
+        profile = overshooting(phase, overshoot) if stroke.free and overshoot else minimum_jerk(phase)
+        path += profile[:, None] * (target - value)
         value = target
     return path
 
@@ -87,21 +119,78 @@ def shift_free(strokes: Sequence[Stroke], scale: float, rng: np.random.Generator
     return tuple(shifted(stroke) if stroke.free else stroke for stroke in strokes)
 
 
-def script_times(duration: float, pauses: Sequence[float], speed: float, dwell: float) -> np.ndarray:
+def detour_of(times: np.ndarray, strokes: Sequence[Stroke], size: float) -> np.ndarray:
+    """Shift (T,) [m] that leads an approach around by ``size`` and is over before the fingers close."""
+    approach, descent, *_ = strokes
+    return size * _bump((times - approach.start) / (descent.end - 0.4 - approach.start))
+
+
+def _bump(phase: np.ndarray) -> np.ndarray:
+    """A smooth hill of height 1 between 0 and 1."""
+    phase = np.clip(phase, 0.0, 1.0)
+    return 64 * phase**3 * (1 - phase) ** 3
+
+
+def miss_first_grasp(script: Script) -> Script:
+    """The script whose ``missing_arm`` closes its fingers above the object, opens them, and then grasps.
+
+    What begins after the grasp, of both arms, comes ``_RETRY`` later.
+    """
+    arm: ArmScript = getattr(script, script.missing_arm)
+    approach, descent, *_ = arm.tool
+    opening, closing, *_ = arm.gripper
+    x, y, z, *angles = descent.target
+    too_high = replace(descent, target=(x, y, z + _MISSED_BY, *angles))
+    reopening = Stroke(closing.end + 0.15, closing.end + 0.55, opening.target)
+    further_down = Stroke(descent.end + 0.35, descent.end + _RETRY, descent.target)
+    missed = ArmScript(
+        tool=(approach, too_high, further_down, *_later(arm.tool[2:])),
+        gripper=(opening, closing, reopening, *_later(arm.gripper[1:])),
+    )
+    other = "left" if script.missing_arm == "right" else "right"
+    waiting: ArmScript = getattr(script, other)
+
+    def after(strokes: tuple[Stroke, ...]) -> tuple[Stroke, ...]:
+        return tuple(_later((s,))[0] if s.start >= descent.end - 0.1 else s for s in strokes)
+
+    return replace(
+        script,
+        **{script.missing_arm: missed, other: ArmScript(after(waiting.tool), after(waiting.gripper))},
+        duration=script.duration + _RETRY,
+        pauses=tuple(moment + _RETRY for moment in script.pauses),
+        pauses_after=tuple(moment + _RETRY for moment in script.pauses_after),
+    )
+
+
+def _later(strokes: Sequence[Stroke]) -> list[Stroke]:
+    return [replace(stroke, start=stroke.start + _RETRY, end=stroke.end + _RETRY) for stroke in strokes]
+
+
+def script_times(
+    span: tuple[float, float], pauses: Sequence[tuple[float, float]], speed: float | np.ndarray
+) -> np.ndarray:
     """Moments of the script [s] at which the control steps fall.
 
     Args:
-        duration: length of the script [s].
-        pauses: moments of the script at which to linger.
-        speed: pace of the script.
-        dwell: how long to linger at each pause [s].
+        span: first and last moment of the script [s].
+        pauses: moments of the script [s] at which to linger, and for how long [s].
+        speed: pace of the script; or its pace at each of ``fine_moments(span)``.
 
     Returns:
-        (T,), increasing, from 0 to ``duration``.
+        (T,), increasing, from the first moment to the last.
     """
-    script = np.arange(0.0, duration + 1e-9, CONTROL_PERIOD / 4)
-    wall = script / speed
-    for pause in pauses:
-        wall = wall + dwell * minimum_jerk((script - pause) / _PAUSE_WINDOW + 0.5)
+    script = fine_moments(span)
+    wall = (script - span[0]) / speed if np.isscalar(speed) else _elapsed(script, np.asarray(speed))
+    for moment, dwell in pauses:
+        wall = wall + dwell * minimum_jerk((script - moment) / _PAUSE_WINDOW + 0.5)
     steps = np.arange(0.0, wall[-1] + 1e-9, CONTROL_PERIOD)
     return np.interp(steps, wall, script)
+
+
+def fine_moments(span: tuple[float, float]) -> np.ndarray:
+    """Moments of the script [s], four to a control period."""
+    return np.arange(span[0], span[1] + 1e-9, CONTROL_PERIOD / 4)
+
+
+def _elapsed(script: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    return np.concatenate([[0.0], np.cumsum(np.diff(script) / speed[1:])])

@@ -11,12 +11,20 @@ from lerobot_act_chunking.envs.aloha.experts.motion import (
     ArmScript,
     Script,
     blend,
+    detour_of,
+    fine_moments,
+    miss_first_grasp,
     script_times,
     shift_free,
 )
 from lerobot_act_chunking.envs.aloha.tasks import get_task
 from lerobot_act_chunking.envs.aloha.world import CONTROL_PERIOD
-from lerobot_act_chunking.envs.demonstration import ExpertOptions, Ranges, correlated_noise
+from lerobot_act_chunking.envs.demonstration import (
+    ExpertOptions,
+    Ranges,
+    correlated_noise,
+    wandering_pace,
+)
 from lerobot_act_chunking.errors import ConfigurationError
 
 MAX_STEPS = 400
@@ -35,6 +43,18 @@ RANGES: Ranges = {
     "waypoint_noise": (0.0, 0.03, "m"),
     "action_noise": (0.0, 0.05, "rad"),
     "dwell": (0.0, 1.0, "s"),
+    "dwell_after": (0.0, 1.0, "s"),
+    "dwell_spread": (0.0, 0.7, "of the logarithm"),
+    "pace_change": (0.0, 0.3, "of the logarithm"),
+    "idle_start": (0.0, 1.5, "s"),
+    "idle_end": (0.0, 1.5, "s"),
+    "detour": (-0.08, 0.08, "m"),
+    "overshoot": (0.0, 0.15, "of a free movement"),
+    "hand_noise": (0.0, 0.05, "rad"),
+    "tremor": (0.0, 0.02, "rad"),
+    "missed_grasps": (0, 1, "grasps"),
+    "latency": (0.0, 0.2, "s"),
+    "dropped_frames": (0.0, 0.2, "of the control steps"),
 }
 """Outside these the experts fail too often to demonstrate anything."""
 
@@ -73,11 +93,16 @@ def plan(task: str, object_pose: np.ndarray, options: ExpertOptions, rng: np.ran
     options.check(RANGES)
     pose = _checked_pose(task, object_pose)
     script = _SCRIPTS[task](pose)
-    times = _step_times(script, options)
-    left = _targets("left", script.left, times, options.waypoint_noise, rng)
-    right = _targets("right", script.right, times, options.waypoint_noise, rng)
+    if options.missed_grasps:
+        script = miss_first_grasp(script)
+    times = _step_times(script, options, rng)
+    left = _targets("left", script.left, times, options, rng)
+    right = _targets("right", script.right, times, options, rng)
     actions = np.concatenate([left, right], axis=1)
-    return ExpertPlan(actions, commands=_disturbed(actions, options.action_noise, rng))
+    arms = (len(actions), len(_ARM_JOINTS))
+    actions[:, _ARM_JOINTS] += options.hand(arms, rng, period=CONTROL_PERIOD)
+    commands = _late(_disturbed(actions, options.action_noise, rng), options.latency)
+    return ExpertPlan(actions, commands)
 
 
 def _checked_pose(task: str, object_pose: np.ndarray) -> np.ndarray:
@@ -97,23 +122,45 @@ def _checked_pose(task: str, object_pose: np.ndarray) -> np.ndarray:
     return pose
 
 
-def _step_times(script: Script, options: ExpertOptions) -> np.ndarray:
-    times = script_times(script.duration, script.pauses, options.speed, options.dwell)
-    if len(times) > MAX_STEPS:
+def _step_times(script: Script, options: ExpertOptions, rng: np.random.Generator) -> np.ndarray:
+    begin = script.beginning if options.idle_start else 0.0
+    span = (begin, script.end if options.idle_end else script.duration)
+    moments = fine_moments(span)
+    speed = options.speed
+    if options.pace_change:
+        speed = speed * wandering_pace(moments, options.pace_change, rng)
+    pauses = [(moment, options.pause(options.dwell, rng)) for moment in script.pauses]
+    pauses += [(moment, options.pause(options.dwell_after, rng)) for moment in script.pauses_after]
+    moving = script_times(span, pauses, speed)
+    if options.pace_change or options.dwell_spread:
+        moving = moving[:MAX_STEPS]  # who takes too long this time does not get to the end
+    if len(moving) > MAX_STEPS:
         raise ConfigurationError(
-            f"speed={options.speed} and dwell={options.dwell} make a plan of {len(times)} steps, an episode "
+            f"speed={options.speed} and dwell={options.dwell} make a plan of {len(moving)} steps, an episode "
             f"has {MAX_STEPS}; raise the speed or shorten the dwell"
         )
-    return times
+    before, after = (round(rest / CONTROL_PERIOD) for rest in (options.idle_start, options.idle_end))
+    before = min(before, MAX_STEPS - len(moving))
+    after = min(after, MAX_STEPS - len(moving) - before)
+    return np.concatenate([np.full(before, moving[0]), moving, np.full(after, moving[-1])])
 
 
 def _targets(
-    arm: Arm, script: ArmScript, times: np.ndarray, waypoint_noise: float, rng: np.random.Generator
+    arm: Arm, script: ArmScript, times: np.ndarray, options: ExpertOptions, rng: np.random.Generator
 ) -> np.ndarray:
     """(T, 7) joint and gripper targets of one arm."""
-    strokes = shift_free(script.tool, waypoint_noise, rng) if waypoint_noise > 0 else script.tool
-    joints = inverse(arm, blend(times, forward(arm, HOME_JOINTS), strokes))
+    noise = options.waypoint_noise
+    strokes = shift_free(script.tool, noise, rng) if noise > 0 else script.tool
+    tool = blend(times, forward(arm, HOME_JOINTS), strokes, options.overshoot)
+    tool[:, 1] += detour_of(times, script.tool, options.detour)
+    joints = inverse(arm, tool)
     return np.concatenate([joints, blend(times, _HOME_GRIPPER, script.gripper)], axis=1)
+
+
+def _late(commands: np.ndarray, latency: float) -> np.ndarray:
+    """The commands ``latency`` [s] later; until the first one comes, the robot stays."""
+    delay = round(latency / CONTROL_PERIOD)
+    return commands[np.maximum(np.arange(len(commands)) - delay, 0)]
 
 
 def _disturbed(actions: np.ndarray, scale: float, rng: np.random.Generator) -> np.ndarray:

@@ -29,7 +29,13 @@ def script(object_pose: np.ndarray) -> Script:
     """The script for a cube at ``object_pose`` (7,)."""
     x, y = object_pose[:2].tolist()
     roll = bearing("right", x, y) + _RIGHT_ROLL
-    return Script(left=_taking_arm(), right=_giving_arm(x, y, roll), duration=5.4, pauses=(1.8, 3.85))
+    return Script(
+        left=_taking_arm(),
+        right=_giving_arm(x, y, roll),
+        duration=5.4,
+        pauses=(1.8, 3.85),
+        pauses_after=(2.0, 4.4),
+    )
 
 
 def _giving_arm(x: float, y: float, roll: float) -> ArmScript:

@@ -1,4 +1,4 @@
-"""Scripted experts of the Fetch tasks: feedback laws that demonstrate for ``act-chunking record``."""
+"""Scripted experts of the Fetch tasks: feedback controllers that demonstrate for ``act-chunking record``."""
 
 from lerobot_act_chunking.envs.robotics.experts.expert import EXPERTS, RANGES, Expert
 

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lerobot_act_chunking.envs.robotics.experts.law import (
+from lerobot_act_chunking.envs.robotics.experts.controller import (
     FULL_ACTION,
     STILL,
     Move,
-    Seen,
+    Observation,
     Style,
     flat_distance,
     go_behind,
@@ -54,10 +54,10 @@ class _Leg:
     ready: bool
 
 
-def push(seen: Seen, style: Style) -> Move:
+def push(observation: Observation, style: Style) -> Move:
     """Go around the block over it, come down behind, push it along one axis; then along the other."""
-    gripper, block = seen["grip_pos"], seen["object_pos"]
-    leg = _next(_leg(_X, seen), _leg(_Y, seen), seen)
+    gripper, block = observation["grip_pos"], observation["object_pos"]
+    leg = _next(_leg(_X, observation), _leg(_Y, observation), observation)
     if leg is None:
         return Move(wait(STILL))
     if leg.ready:
@@ -65,11 +65,11 @@ def push(seen: Seen, style: Style) -> Move:
         arm = pace * leg.line - _STEER * leg.aside / FULL_ACTION
         arm[2] = (block - gripper)[2] / FULL_ACTION
         return Move(with_fingers(arm, STILL), pause=None if leg.ahead > -_CONTACT else wait(STILL))
-    return Move(with_fingers(go_behind(block - _BEHIND * leg.line, seen, style), STILL))
+    return Move(with_fingers(go_behind(block - _BEHIND * leg.line, observation, style), STILL))
 
 
-def _leg(axis: np.ndarray, seen: Seen) -> _Leg:
-    gripper, block, target = seen["grip_pos"], seen["object_pos"], seen["desired_goal"]
+def _leg(axis: np.ndarray, observation: Observation) -> _Leg:
+    gripper, block, target = observation["grip_pos"], observation["object_pos"], observation["desired_goal"]
     distance = float((target - block) @ axis)
     line = np.copysign(1.0, distance) * axis
     ahead = float((gripper - block) @ line)
@@ -84,10 +84,12 @@ def _leg(axis: np.ndarray, seen: Seen) -> _Leg:
     )
 
 
-def _next(x: _Leg, y: _Leg, seen: Seen) -> _Leg | None:
+def _next(x: _Leg, y: _Leg, observation: Observation) -> _Leg | None:
     """Which one to go on with; none where the push is over and nothing is left to do."""
-    if flat_distance(seen["desired_goal"], seen["object_pos"]) < _ARRIVED:
-        return _last(x, y, bool(np.linalg.norm(seen["grip_pos"] - seen["object_pos"]) < _BESIDE))
+    if flat_distance(observation["desired_goal"], observation["object_pos"]) < _ARRIVED:
+        return _last(
+            x, y, bool(np.linalg.norm(observation["grip_pos"] - observation["object_pos"]) < _BESIDE)
+        )
     pushes_y = y.ready and y.distance > _ALIGNED  # which bears a larger error in x
     if x.distance >= (_RETURN if pushes_y else _ALIGNED):
         return x

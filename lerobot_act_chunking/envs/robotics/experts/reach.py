@@ -1,8 +1,15 @@
 """FetchReach: straight to the target."""
 
-from lerobot_act_chunking.envs.robotics.experts.law import STILL, Move, Seen, Style, toward, with_fingers
+from lerobot_act_chunking.envs.robotics.experts.controller import (
+    STILL,
+    Move,
+    Observation,
+    Style,
+    toward,
+    with_fingers,
+)
 
 
-def reach(seen: Seen, style: Style) -> Move:
+def reach(observation: Observation, style: Style) -> Move:
     """Go to the target and stay."""
-    return Move(with_fingers(toward(seen["desired_goal"], seen, style), STILL))
+    return Move(with_fingers(toward(observation["desired_goal"], observation, style), STILL))

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from lerobot_act_chunking.envs.robotics.experts.law import (
+from lerobot_act_chunking.envs.robotics.experts.controller import (
     FULL_ACTION,
     STILL,
     Move,
-    Seen,
+    Observation,
     Style,
     flat_distance,
     go_behind,
@@ -26,15 +26,17 @@ _MOVING = 0.004  # [m per step]
 _GAIN, _GAIN_PER_METRE = 0.95, 0.3
 
 
-def slide(seen: Seen, style: Style) -> Move:
+def slide(observation: Observation, style: Style) -> Move:
     """Come down behind the puck, hit it with the speed that takes it to the target, and let go.
 
     The speed does not depend on the pace that was asked for: any other would miss.
     """
-    gripper, puck, target = seen["grip_pos"], seen["object_pos"], seen["desired_goal"]
+    gripper, puck, target = observation["grip_pos"], observation["object_pos"], observation["desired_goal"]
     distance = flat_distance(target, puck)
     line = np.append((target - puck)[:2] / max(distance, 1e-9), 0.0)
-    velocity = seen["object_velp"] + seen["grip_velp"]  # the object's is relative to the gripper's
+    velocity = (
+        observation["object_velp"] + observation["grip_velp"]
+    )  # the object's is relative to the gripper's
     needed = np.sqrt(2 * _FRICTION * distance)
     slipped_away = flat_distance(velocity, np.zeros(3)) > _MOVING and flat_distance(gripper, puck) > _TOUCH
     if distance < _ARRIVED or velocity @ line >= 0.98 * needed or slipped_away:
@@ -46,4 +48,4 @@ def slide(seen: Seen, style: Style) -> Move:
         arm[2] = (puck - gripper)[2] / FULL_ACTION
         arm /= max(1.0, np.abs(arm).max())
         return Move(with_fingers(arm, STILL), pause=None if ahead > -_TOUCH else wait(STILL))
-    return Move(with_fingers(go_behind(puck - _RUN_UP * line, seen, style), STILL))
+    return Move(with_fingers(go_behind(puck - _RUN_UP * line, observation, style), STILL))

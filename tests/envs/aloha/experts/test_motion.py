@@ -45,12 +45,12 @@ def test_waypoint_noise_moves_free_positions_only():
 
 
 def test_steps_fall_every_period_at_any_speed():
-    np.testing.assert_allclose(script_times(1.0, (), speed=1.0, dwell=0.0), np.arange(51) * 0.02, atol=1e-9)
-    np.testing.assert_allclose(script_times(1.0, (), speed=0.8, dwell=0.0), np.arange(63) * 0.016, atol=1e-9)
+    np.testing.assert_allclose(script_times((0.0, 1.0), (), 1.0), np.arange(51) * 0.02, atol=1e-9)
+    np.testing.assert_allclose(script_times((0.0, 1.0), (), 0.8), np.arange(63) * 0.016, atol=1e-9)
 
 
 def test_a_dwell_lingers_around_its_pause_and_nowhere_else():
-    times = script_times(1.0, (0.5,), speed=1.0, dwell=0.4)
+    times = script_times((0.0, 1.0), [(0.5, 0.4)], 1.0)
     steps = np.diff(times)
     lingering = steps < 0.01
     assert len(times) == 71

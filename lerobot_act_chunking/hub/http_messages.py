@@ -1,4 +1,4 @@
-"""One HTTP exchange: what a request asks for, checked, and the answers in the real Hub's format."""
+"""HTTP messages: what a request asks for, checked, and the answers in the real Hub's format."""
 
 import json
 import re
@@ -20,11 +20,11 @@ _RANGE = re.compile(r"bytes=(\d{1,18})-(\d{0,18})")
 
 
 @dataclass(frozen=True)
-class Call:
+class HubRequest:
     """A request that was recognised: its hub, the repository it names if any, what follows in its path."""
 
     hub: LocalHub
-    request: httpx.Request
+    http: httpx.Request
     name: RepoName | None = None
     rest: list[str] = field(default_factory=list)
 
@@ -41,20 +41,20 @@ class Call:
     def checked_name(self) -> RepoName:
         """The repository's name, which this kind of request always has."""
         if self.name is None:
-            raise RefusedError(f"{self.request.url.path} names no repository")
+            raise RefusedError(f"{self.http.url.path} names no repository")
         return self.name
 
     @property
     def address(self) -> str:
         """The hub's address as the client knows it."""
-        return f"{self.request.url.scheme}://{self.request.url.netloc.decode('ascii')}"
+        return f"{self.http.url.scheme}://{self.http.url.netloc.decode('ascii')}"
 
     def argument(self, index: int, default: str | None = None) -> str:
         """One element of the path after the action, such as the revision."""
         if index < len(self.rest):
             return self.rest[index]
         if default is None:
-            raise RefusedError(f"{self.request.method} {shorten(self.request.url.path)} is incomplete", 404)
+            raise RefusedError(f"{self.http.method} {shorten(self.http.url.path)} is incomplete", 404)
         return default
 
     def path_from(self, index: int) -> str:
@@ -63,22 +63,22 @@ class Call:
 
     def query(self, key: str) -> str | None:
         """A query parameter, if given."""
-        return self.request.url.params.get(key)
+        return self.http.url.params.get(key)
 
     def json(self) -> dict[str, Any]:
         """The body as a JSON object."""
-        return json_object(self.request.read())
+        return json_object(self.http.read())
 
     def form(self) -> dict[str, list[str]]:
         """The body as an HTML form."""
         try:
-            return parse_qs(self.request.read().decode(), strict_parsing=True)
+            return parse_qs(self.http.read().decode(), strict_parsing=True)
         except ValueError as error:
             raise RefusedError("the body is not a form") from error
 
     def chunks(self) -> Iterator[bytes]:
         """The body as it streams in."""
-        stream = self.request.stream
+        stream = self.http.stream
         if not isinstance(stream, httpx.SyncByteStream):
             raise RefusedError("the local hub serves synchronous clients only")
         return iter(stream)

@@ -16,8 +16,8 @@ from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.hub import routing
 from lerobot_act_chunking.hub.card import extend_card, policy_section
 from lerobot_act_chunking.hub.names import RepoName
-from lerobot_act_chunking.hub.sharing import publish
 from lerobot_act_chunking.hub.storage import LocalHub
+from lerobot_act_chunking.hub.upload import publish
 
 MODEL = RepoName("model", "me/act")
 

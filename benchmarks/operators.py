@@ -1,0 +1,110 @@
+"""How policies learn from people with different habits, and how they should act then.
+
+    OMP_NUM_THREADS=1 python benchmarks/operators.py --operators unhurried hesitant --tasks transfer_cube
+
+Each operator (lerobot_act_chunking/envs/operators.py), and all of them in turn (`everybody`), demonstrates
+each ALOHA task 50 times and each Fetch task 100 times. Policies learn from one of these datasets as they come
+and act in the same 200 unseen episodes, by several settings of execution. Every training and every
+evaluation is written down when it is done, so that the study can be stopped and gone on with, and several
+may run side by side. The results are in benchmarks/results/operators.json, one entry for each evaluation.
+"""
+
+import argparse
+import json
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from policy_study import Cell, Run, Study, row
+from policy_training import Variant
+from rich.console import Console
+from rich.table import Table
+
+from lerobot_act_chunking.envs.operators import OPERATORS
+
+EVERYBODY = "everybody"
+CPU = {"device": "cpu", "push_to_hub": False}
+VARIANTS = {
+    **{
+        f"{kind}_{steps}": Variant({"type": kind, **CPU}, steps, 64)
+        for kind in ("act_chunked", "diffusion_chunked", "vqbet_chunked")
+        for steps in (1500, 4000)
+    },
+}
+"""Policies as they come, by type and training steps."""
+EXECUTIONS: dict[str, dict[str, Any]] = {
+    "crossfade 25": {"execution": "crossfade", "replan_interval": 25, "crossfade_steps": 10},
+    "crossfade 50": {"execution": "crossfade", "replan_interval": 50, "crossfade_steps": 10},
+    "open loop": {"execution": "open_loop", "replan_interval": None},
+    "ensemble 25": {"execution": "ensemble", "replan_interval": 25},
+    "ensemble 10": {"execution": "ensemble", "replan_interval": 10},
+    "ensemble 5": {"execution": "ensemble", "replan_interval": 5},
+}
+"""Settings of execution, by name."""
+UNSET = {"crossfade_steps": None, "temporal_ensemble_coeff": None, "ensemble_weighting": None}
+
+
+def runs(task: str, variants: list[str], seeds: list[int], executions: list[str]) -> Iterator[Run]:
+    """All that is asked for of one task."""
+    for variant in variants:
+        for seed in seeds:
+            for name in executions:
+                yield Run(task, variant, seed, sampling={**UNSET, **EXECUTIONS[name]})
+
+
+def named(cell: Cell) -> str:
+    """The execution of a cell."""
+    return next(name for name, asked in EXECUTIONS.items() if {**UNSET, **asked} == cell.run["sampling"])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--operators", nargs="+", choices=[*OPERATORS, EVERYBODY], default=list(OPERATORS))
+    parser.add_argument("--tasks", nargs="+", default=["transfer_cube", "insertion"])
+    parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=["act_chunked_1500"])
+    parser.add_argument("--seeds", nargs="+", type=int, default=[0])
+    parser.add_argument("--executions", nargs="+", choices=EXECUTIONS, default=list(EXECUTIONS))
+    parser.add_argument("--episodes", type=int, default=200)
+    parser.add_argument("--folder", type=Path, default=Path("outputs/benchmarks/operators"))
+    parser.add_argument("--out", type=Path, default=Path("benchmarks/results/operators.json"))
+    args = parser.parse_args()
+    console = Console(width=160)
+    for name in args.operators:
+        people = tuple(OPERATORS) if name == EVERYBODY else (name,)
+        study = Study(args.folder / name, args.folder / "recordings" / name, VARIANTS, console, people)
+        for task in args.tasks:
+            cells = study.cells(runs(task, args.variants, args.seeds, args.executions), args.episodes)
+            show(name, cells, console)
+            keep(name, cells, args.out)
+
+
+def show(operator: str, cells: list[Cell], console: Console) -> None:
+    """Print the cells of one operator."""
+    table = Table("task", "policy", "training", "execution", "success %", "95 % Wilson", title=operator)
+    for cell in cells:
+        task, policy, training, _, _, success, interval, *_ = row(cell)
+        table.add_row(task, policy, training, named(cell), success, interval)
+    console.print(table)
+
+
+def keep(operator: str, cells: list[Cell], path: Path) -> None:
+    """Add the cells to what is there, in the place of what was measured before."""
+    there = json.loads(path.read_text()) if path.exists() else []
+    new = [{"operator": operator, "execution": named(cell), **asdict(cell)} for cell in cells]
+    kept = [entry for entry in there if _key(entry) not in [_key(each) for each in new]]
+    part = path.with_suffix(".part")
+    entries = sorted([*kept, *new], key=lambda entry: json.dumps(_key(entry)))
+    part.write_text(json.dumps(entries, indent=1) + "\n")
+    part.replace(path)
+
+
+def _key(entry: dict[str, Any]) -> list[Any]:
+    run = entry["run"]
+    return [entry["operator"], run["task"], run["variant"], run["seed"], entry["execution"]]
+
+
+if __name__ == "__main__":
+    main()
