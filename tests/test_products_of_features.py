@@ -12,11 +12,11 @@ from lerobot_act_chunking.data.masking import hold_padding
 from lerobot_act_chunking.diagnostics.latent.encoding import Encoded
 from lerobot_act_chunking.diagnostics.latent.figures import share_outside
 from lerobot_act_chunking.diagnostics.steps.statistics import spread
+from lerobot_act_chunking.durable_files import write_atomically
 from lerobot_act_chunking.envs.robotics.env import RoboticsEnv
 from lerobot_act_chunking.policies.act_chunked.draws import ActingDraws
 from lerobot_act_chunking.policies.batch_seeds import BatchSeeds
 from lerobot_act_chunking.policies.diffusion_chunked.plan import Plan
-from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import write_atomically
 from lerobot_act_chunking.recording.simulated import noise_stream
 from lerobot_act_chunking.sampling.solvers import LinearSampler, Step
 

@@ -11,13 +11,13 @@ import numpy as np
 from lerobot_act_chunking.diagnostics.bandwidth.closed_form import ensemble_weights, filter_for
 from lerobot_act_chunking.diagnostics.bandwidth.filter import ROUNDING, start_up_step
 from lerobot_act_chunking.diagnostics.bandwidth.source import Source, read_source
-from lerobot_act_chunking.diagnostics.core.checks import check_positive
 from lerobot_act_chunking.diagnostics.core.environments import environment_of
 from lerobot_act_chunking.diagnostics.core.rollouts import OnStep, Rollout, roll_out
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES, TASKS
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 from lerobot_act_chunking.execution.settings import ExecutionSettings
+from lerobot_act_chunking.limits import check_positive
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields
 from lerobot_act_chunking.policies.loading import LoadedPolicy, load_policy, read_config
 from lerobot_act_chunking.policies.temporal_ensemble.wrapping import load_wrapped

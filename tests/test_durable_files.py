@@ -3,8 +3,7 @@ import os
 
 import pytest
 
-from lerobot_act_chunking.errors import DatasetError
-from lerobot_act_chunking.recording.files import explain_full_disk, sync_tree, write_atomically
+from lerobot_act_chunking.durable_files import fill_atomically, sync_folder, sync_tree, write_atomically
 
 
 def test_a_failed_write_leaves_the_old_content_and_nothing_else(tmp_path):
@@ -16,7 +15,7 @@ def test_a_failed_write_leaves_the_old_content_and_nothing_else(tmp_path):
         raise OSError(errno.EIO, "the disk fell off")
 
     with pytest.raises(OSError, match="fell off"):
-        write_atomically(path, fail)
+        fill_atomically(path, fail)
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
 
@@ -25,7 +24,7 @@ def test_content_is_on_the_disk_before_it_gets_its_name(tmp_path, monkeypatch):
     events = []
     real = os.fsync
     monkeypatch.setattr(os, "fsync", lambda handle: (events.append((tmp_path / "f").exists()), real(handle)))
-    write_atomically(tmp_path / "f", lambda file: file.write(b"new"))
+    write_atomically(tmp_path / "f", b"new")
     assert events == [False, True]  # the file before it has its name, the folder after
     assert (tmp_path / "f").read_bytes() == b"new"
 
@@ -40,20 +39,27 @@ def test_a_tree_is_synced_whole(tmp_path, monkeypatch):
     assert sorted(synced) == sorted(path.stat().st_ino for path in everything)
 
 
-@pytest.mark.parametrize(
-    "error",
-    [
-        OSError(errno.ENOSPC, "No space left on device"),
-        OSError(errno.EDQUOT, "Disk quota exceeded"),
-        RuntimeError("Encoder thread for eye failed: [Errno 28] No space left on device: 'x.mp4'"),
-    ],
-)
-def test_a_full_disk_is_explained(tmp_path, error):
-    message = f"the disk is full .*safe in {tmp_path}: free some space and run the same command again"
-    with pytest.raises(DatasetError, match=message), explain_full_disk(tmp_path):
-        raise error
+def test_a_file_may_be_written_elsewhere_first(tmp_path, monkeypatch):
+    places = []
+    monkeypatch.setattr(
+        os, "fsync", lambda handle: places.append([len(list(each.iterdir())) for each in (target, scratch)])
+    )
+    target, scratch = tmp_path / "target", tmp_path / "scratch"
+    target.mkdir()
+    write_atomically(target / "file", b"new", scratch)
+    assert places == [[0, 1], [1, 0]]
+    assert (target / "file").read_bytes() == b"new"
 
 
-def test_other_errors_pass_unchanged(tmp_path):
-    with pytest.raises(PermissionError), explain_full_disk(tmp_path):
-        raise PermissionError(errno.EACCES, "no")
+def test_sync_of_a_folder_forgives_only_file_systems_that_cannot(tmp_path, monkeypatch):
+    def failing(code):
+        def fsync(descriptor):
+            raise OSError(code, os.strerror(code))
+
+        return fsync
+
+    monkeypatch.setattr(os, "fsync", failing(errno.EINVAL))
+    sync_folder(tmp_path)
+    monkeypatch.setattr(os, "fsync", failing(errno.EIO))
+    with pytest.raises(OSError, match=os.strerror(errno.EIO)):
+        sync_folder(tmp_path)
