@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
-from lerobot_act_chunking.limits import check_at_least, check_positive
+from lerobot_act_chunking.number_checks import check_at_least, check_positive
 
 Mode = Literal["open_loop", "receding", "ensemble", "crossfade", "adaptive", "coherence"]
 Weighting = Literal["act", "recency", "uniform"]

@@ -127,7 +127,7 @@ def require_inside(path: Path, folder: Path) -> Path:
     return path
 
 
-def sweep(folder: Path, older_than: float) -> None:
+def remove_abandoned(folder: Path, older_than: float) -> None:
     """Remove what processes that died left half made in ``folder`` more than ``older_than`` [s] ago."""
     for path in folder.iterdir() if folder.is_dir() else ():
         with contextlib.suppress(OSError):  # somebody else's, or gone already

@@ -94,7 +94,7 @@ def _drop(repository: Repository, commit_ids: list[str]) -> Freed:
         if not _in_flight(path, dropped_at.get(path.name, 0.0))
     ]
     size = sum(path.lstat().st_size for path in freed)
-    files.sweep(repository.incoming, ABANDONED)
+    files.remove_abandoned(repository.incoming, ABANDONED)
     for path in freed:
         durable_files.remove(path)
     return Freed(len(commit_ids), len(freed), size)

@@ -126,7 +126,7 @@ def publish_revision(repository: Repository, branch: str, change: Change) -> str
     commit = Commit.now(title=change.title, description=change.description, parent=parent, files=table)
     write_snapshot(repository, commit, parent)
     point(repository, branch, commit.commit_id)
-    files.sweep(repository.incoming, ABANDONED)
+    files.remove_abandoned(repository.incoming, ABANDONED)
     return commit.commit_id
 
 

@@ -91,7 +91,7 @@ class LocalHub:
         repository = self.open(name)
         with self.lock(name), durable_files.scratch_path(self._work_folder) as trash:
             durable_files.publish(repository.folder, trash)
-        files.sweep(self._work_folder, LOCK_TIMEOUT)
+        files.remove_abandoned(self._work_folder, LOCK_TIMEOUT)
 
     @contextmanager
     def lock(self, name: RepoName) -> Iterator[None]:

@@ -10,7 +10,7 @@ from lerobot_act_chunking.envs.aloha.options import AlohaSimOptions
 from lerobot_act_chunking.envs.demonstration import ExpertOptions
 from lerobot_act_chunking.envs.robotics.options import RoboticsOptions
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
-from lerobot_act_chunking.limits import check_at_least
+from lerobot_act_chunking.number_checks import check_at_least
 from lerobot_act_chunking.recording.aloha import AlohaSource
 from lerobot_act_chunking.recording.robotics import RoboticsSource
 from lerobot_act_chunking.recording.simulated import SimulatedSource

@@ -17,7 +17,7 @@ from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES, TASKS
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 from lerobot_act_chunking.execution.settings import ExecutionSettings
-from lerobot_act_chunking.limits import check_positive
+from lerobot_act_chunking.number_checks import check_positive
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields
 from lerobot_act_chunking.policies.loading import LoadedPolicy, load_policy, read_config
 from lerobot_act_chunking.policies.temporal_ensemble.wrapping import load_wrapped

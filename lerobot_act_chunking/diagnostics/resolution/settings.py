@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 from lerobot_act_chunking.data.actions import is_dataset
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError
-from lerobot_act_chunking.limits import check_at_least, check_positive
+from lerobot_act_chunking.number_checks import check_at_least, check_positive
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 from lerobot_act_chunking.diagnostics.core.environments import check_task
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.limits import check_at_least
+from lerobot_act_chunking.number_checks import check_at_least
 
 
 @dataclass(frozen=True)

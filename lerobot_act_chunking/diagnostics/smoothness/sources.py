@@ -19,7 +19,7 @@ from lerobot_act_chunking.diagnostics.core.training import untrained
 from lerobot_act_chunking.diagnostics.smoothness.settings import EvaluationSpec
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
 from lerobot_act_chunking.errors import DatasetError, FeatureError
-from lerobot_act_chunking.limits import check_at_least
+from lerobot_act_chunking.number_checks import check_at_least
 from lerobot_act_chunking.policies.loading import LoadedPolicy, load_policy
 
 EVALUATED = "agent_pos"

@@ -23,7 +23,7 @@ from lerobot_act_chunking.diagnostics.steps.subject import (
 )
 from lerobot_act_chunking.diagnostics.steps.success import SuccessOfCell, cells_to_run, success_by_steps
 from lerobot_act_chunking.diagnostics.steps.verdict import judge
-from lerobot_act_chunking.limits import check_positive
+from lerobot_act_chunking.number_checks import check_positive
 from lerobot_act_chunking.policies.loading import read_config
 
 FIRST_SEED = 1000

@@ -18,7 +18,7 @@ from lerobot_act_chunking.diagnostics.core.measures import Measure, measure_of
 from lerobot_act_chunking.diagnostics.core.training import Training, read_training
 from lerobot_act_chunking.diagnostics.steps.measuring import Demonstrated
 from lerobot_act_chunking.errors import DatasetError, FeatureError
-from lerobot_act_chunking.limits import check_at_least
+from lerobot_act_chunking.number_checks import check_at_least
 
 SLOW = 0.25
 """Speed, as a share of a point's fast motion, below which the robot counts as close to contact."""

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from lerobot_act_chunking.durable_files import write_atomically
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.limits import check_at_least
+from lerobot_act_chunking.number_checks import check_at_least
 from lerobot_act_chunking.policies.statistics import NEEDED, floored_statistics
 from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
 from lerobot_act_chunking.tokenizers.tokenizer import ActionTokenizer

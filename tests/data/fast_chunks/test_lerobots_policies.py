@@ -1,4 +1,4 @@
-"""Law: what LeRobot's own policies train on, and how they fail, is the same with the package as without."""
+"""Property: what LeRobot's own policies train on, and how they fail, is the same with and without the package."""
 
 import contextlib
 import io

@@ -1,4 +1,4 @@
-"""Law: the transformer computed in the CPU's order is the one of `nn.layers`, in values and gradients."""
+"""Property: the transformer in the CPU's order of products is the one of `nn.layers`, in values and gradients."""
 
 from dataclasses import replace
 

@@ -21,7 +21,7 @@ from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes
 from lerobot_act_chunking.diagnostics.core.measures import measure_of
 from lerobot_act_chunking.diagnostics.core.report import Judgement
 from lerobot_act_chunking.errors import DatasetError
-from lerobot_act_chunking.limits import check_at_least
+from lerobot_act_chunking.number_checks import check_at_least
 from lerobot_act_chunking.policies.statistics import NEEDED
 from lerobot_act_chunking.policies.vqbet_chunked.presets import preset_values
 from lerobot_act_chunking.tokenizers.make import make_tokenizer
