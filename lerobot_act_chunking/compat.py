@@ -68,8 +68,8 @@ def check_rtc_mode(rtc_config: Any, *, learned_prefixes: bool) -> None:
     Raises:
         ConfigurationError: naming the mode that works.
     """
-    asked = rtc_config is not None and rtc_config.enabled and getattr(rtc_config, "mode", "guided")
-    if asked == "trained" and not learned_prefixes:
+    mode = rtc_config is not None and rtc_config.enabled and getattr(rtc_config, "mode", "guided")
+    if mode == "trained" and not learned_prefixes:
         raise ConfigurationError(
             "rtc mode=trained needs a policy that was trained to continue given actions (diffusion_chunked "
             "with --policy.prefix_steps, acting with warm_start=prefix); here use --inference.rtc.mode=guided"

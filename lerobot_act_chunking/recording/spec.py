@@ -107,7 +107,7 @@ class RecordSpec:
         return kind.source(kind.options(**self._environment(kind)), self.expert)
 
     def _environment(self, kind: _Kind) -> dict[str, Any]:
-        asked: dict[str, Any] = {
+        options: dict[str, Any] = {
             "obs_type": self.obs,
             "observation_height": self.image_height,
             "observation_width": self.image_width,
@@ -115,9 +115,9 @@ class RecordSpec:
             "success": self.success or kind.success,
         }
         if self.task is not None:
-            asked["task"] = self.task
+            options["task"] = self.task
         if self.cameras:
-            asked["cameras"] = list(self.cameras)
+            options["cameras"] = list(self.cameras)
         if self.velocity is not None:
-            asked[kind.velocity] = self.velocity
-        return asked
+            options[kind.velocity] = self.velocity
+        return options

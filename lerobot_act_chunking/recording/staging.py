@@ -144,8 +144,8 @@ def _agree(folder: Path, manifest: dict[str, Any]) -> None:
         )
 
 
-def differences(kept: dict[str, Any], asked: dict[str, Any]) -> str:
+def differences(kept: dict[str, Any], requested: dict[str, Any]) -> str:
     """Which settings differ, for an error message; empty when none does."""
-    asked = json.loads(json.dumps(asked))
-    names = [name for name in {**kept, **asked} if kept.get(name) != asked.get(name)]
-    return ", ".join(f"{name}: {kept.get(name)}, asked for {asked.get(name)}" for name in names)
+    requested = json.loads(json.dumps(requested))
+    names = [name for name in {**kept, **requested} if kept.get(name) != requested.get(name)]
+    return ", ".join(f"{name}: {kept.get(name)}, asked for {requested.get(name)}" for name in names)

@@ -112,13 +112,13 @@ def study_push(
         )
     seeds = list(range(seed, seed + episodes))
     responses = []
-    asked = executions(own, source.settings)
-    for done, settings in enumerate(asked):
+    requested = executions(own, source.settings)
+    for done, settings in enumerate(requested):
         apply_execution(policy, settings)
 
         def show(finished: int, before: int) -> None:
             if progress is not None:
-                progress(before + finished, 2 * len(asked) * len(seeds))
+                progress(before + finished, 2 * len(requested) * len(seeds))
 
         before = 2 * done * len(seeds)
         quiet = roll_out(policy, env_config, seeds, progress=partial(show, before=before))
@@ -133,11 +133,11 @@ def study_push(
     return PushStudy(task, push_m, push_step, seeds, float(env_config.fps), responses)
 
 
-def executions(own: ExecutionSettings, asked: ExecutionSettings) -> list[ExecutionSettings]:
+def executions(own: ExecutionSettings, requested: ExecutionSettings) -> list[ExecutionSettings]:
     """The checkpoint's own execution, the newest chunk alone, and one that averages; without repetitions."""
-    averaging = asked
-    if asked.execution not in _AVERAGED_MODES:
-        averaging = ExecutionSettings(asked.chunk_size, "ensemble", asked.n_action_steps)
+    averaging = requested
+    if requested.execution not in _AVERAGED_MODES:
+        averaging = ExecutionSettings(requested.chunk_size, "ensemble", requested.n_action_steps)
     newest = ExecutionSettings(
         averaging.chunk_size,
         "receding",
@@ -146,7 +146,7 @@ def executions(own: ExecutionSettings, asked: ExecutionSettings) -> list[Executi
         averaging.latency_steps,
         gripper_dims=averaging.gripper_dims,
     )
-    return list(dict.fromkeys((own, newest, asked, averaging)))
+    return list(dict.fromkeys((own, newest, requested, averaging)))
 
 
 def load_for_execution(checkpoint: str) -> LoadedPolicy:

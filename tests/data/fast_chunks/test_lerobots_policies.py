@@ -1,4 +1,4 @@
-"""Property: what LeRobot's own policies train on, and how they fail, is the same with and without the package."""
+"""Property: LeRobot's own policies train on the same, and fail alike, with and without the package."""
 
 import contextlib
 import io
