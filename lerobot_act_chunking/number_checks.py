@@ -1,13 +1,12 @@
 """Refuses numbers that cannot work: fields of policies by their `RANGES`, other settings by a least value."""
 
 import math
-from collections.abc import Sequence
 
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.ranges import RANGES
 
 
-def check_range(name: str, value: float | Sequence[float]) -> None:
+def check_range(name: str, value: float | list[float] | tuple[float, ...]) -> None:
     """Refuse a number, or a list with one, that the `RANGES` of this field do not allow.
 
     Raises:

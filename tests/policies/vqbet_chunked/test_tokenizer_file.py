@@ -1,6 +1,7 @@
 """Tokenizer files: what they hold, and policies that they do not fit."""
 
-from dataclasses import replace
+import json
+from dataclasses import asdict, fields, replace
 
 import pytest
 import torch
@@ -55,6 +56,13 @@ def test_codes_survive_a_file(file):
     assert len(codes.unique(dim=0)) > 1
     assert torch.equal(restored.encode(actions), codes)
     assert torch.equal(restored.decode(codes), tokenizer.decode(codes))
+
+
+def test_the_names_in_files_stay():
+    content = json.loads(INFO.to_json())
+    assert content["lessons"] == asdict(INFO.training)
+    assert set(content) == {field.name for field in fields(INFO)} - {"training"} | {"lessons"}
+    assert TokenizerInfo.from_json(INFO.to_json()) == INFO
 
 
 def test_what_a_file_says_needs_no_weights(file):
