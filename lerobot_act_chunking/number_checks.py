@@ -1,26 +1,8 @@
-"""Refuses numbers that cannot work: fields of policies by their `RANGES`, other settings by a least value."""
+"""Refuses numbers below what can work, for settings that are no fields of a policy (`policies.ranges`)."""
 
 import math
 
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.ranges import RANGES
-
-
-def check_range(name: str, value: float | list[float] | tuple[float, ...]) -> None:
-    """Refuse a number, or a list with one, that the `RANGES` of this field do not allow.
-
-    Raises:
-        ConfigurationError: naming the field, the value and what is allowed.
-    """
-    numbers = value if isinstance(value, list | tuple) else [value]
-    if not all(number in RANGES[name] for number in numbers):
-        raise ConfigurationError(f"{name}={value} must be {RANGES[name]}")
-
-
-def check_ranges(spec: object, *names: str) -> None:
-    """`check_range` of these fields of an object."""
-    for name in names:
-        check_range(name, getattr(spec, name))
 
 
 def check_at_least(least: int, **values: float | None) -> None:

@@ -1,5 +1,6 @@
 """From an action likelihood's name to its head."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
@@ -12,8 +13,6 @@ from lerobot_act_chunking.heads.gaussian import GaussianHead
 from lerobot_act_chunking.heads.laplace import LaplaceHead
 from lerobot_act_chunking.heads.mixture import MixtureHead
 from lerobot_act_chunking.heads.regression import RegressionHead
-from lerobot_act_chunking.number_checks import check_at_least, check_ranges
-from lerobot_act_chunking.ranges import RANGES
 
 
 @dataclass(frozen=True)
@@ -61,13 +60,25 @@ class HeadSpec:
         """
         if self.action_likelihood not in HEADS:
             raise unknown_choice("action_likelihood", self.action_likelihood, HEADS)
-        check_ranges(self, *(field.name for field in fields(self) if field.name in RANGES))
-        check_at_least(2 * (1 + tail_bins(self.hl_gauss_sigma)), n_bins=self.n_bins)
-        if self.action_top_k > self.n_bins:
+        self._check_range("nll_beta", 0.0, 1.0)
+        self._check_range("action_temperature", 0.0)
+        if not 0 < self.min_std < 1:
             raise ConfigurationError(
-                f"action_top_k={self.action_top_k} must be at most n_bins={self.n_bins}: there are no more"
+                f"min_std={self.min_std} must be above 0 and below 1: normalised actions have a standard "
+                "deviation of about 1"
             )
+        self._check_range("n_components", 1.0)
+        self._check_range("hl_gauss_sigma", 0.0)
+        self._check_range("n_bins", 2.0 * (1 + tail_bins(self.hl_gauss_sigma)))
+        self._check_range("soft_local_bins", 0.0)
+        self._check_range("action_top_k", 0.0, float(self.n_bins))
         self._check_sampling()
+
+    def _check_range(self, name: str, least: float, most: float = math.inf) -> None:
+        value = getattr(self, name)
+        if not (least <= value <= most and math.isfinite(value)):
+            limits = f"at least {least:g}" + (f" and at most {most:g}" if most < math.inf else ", and finite")
+            raise ConfigurationError(f"{name}={value} must be {limits}")
 
     def _check_sampling(self) -> None:
         likelihood = self.action_likelihood

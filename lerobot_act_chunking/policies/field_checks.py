@@ -1,7 +1,7 @@
 """Refuses values of the wrong kind or out of range, field by field, before anything is made of them."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from enum import Enum
 from functools import cache
@@ -11,8 +11,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 from lerobot.configs import PreTrainedConfig
 
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
-from lerobot_act_chunking.number_checks import check_range
-from lerobot_act_chunking.ranges import RANGES
+from lerobot_act_chunking.policies.ranges import RANGES
 
 # LeRobot answers for its own fields, but this one is a number of ours, too.
 _SHARED = ("n_obs_steps",)
@@ -60,8 +59,8 @@ def _check(name: str, value: Any, hint: Any) -> None:
     elif not _fits(value, hint):
         limits = f", {RANGES[name]}" if name in RANGES else ""
         raise ConfigurationError(f"{name}={value!r} must be {_described(hint)}{limits}")
-    elif name in RANGES:
-        check_range(name, value)
+    elif name in RANGES and not all(number in RANGES[name] for number in _numbers(value)):
+        raise ConfigurationError(f"{name}={value} must be {RANGES[name]}")
 
 
 def _fits(value: Any, hint: Any) -> bool:
@@ -91,3 +90,11 @@ def _described(hint: Any) -> str:
     if origin is dict:
         return f"a mapping from texts, each value {_described(inner[1])}"
     return _KINDS.get(hint, getattr(hint, "__name__", str(hint)))
+
+
+def _numbers(value: Any) -> Iterator[float]:
+    """The numbers in a field of one, or of a list of them."""
+    if isinstance(value, list | tuple):
+        yield from value
+    else:
+        yield value

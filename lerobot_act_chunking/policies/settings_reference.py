@@ -24,12 +24,12 @@ from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chu
 )
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields
 from lerobot_act_chunking.policies.field_checks import own_fields
+from lerobot_act_chunking.policies.ranges import RANGES, Range
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
     TemporalEnsembleConfig,
 )
 from lerobot_act_chunking.policies.vqbet_chunked import presets as vqbet_presets
 from lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked import VqbetChunkedConfig
-from lerobot_act_chunking.ranges import RANGES, Range
 
 POLICIES: Mapping[str, tuple[type[PreTrainedConfig], tuple[str, ...]]] = {
     "act_chunked": (ActChunkedConfig, act_presets.PRESETS),

@@ -5,7 +5,6 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
-from lerobot_act_chunking.number_checks import check_at_least, check_ranges
 
 TOKENIZERS = ("residual_vq", "fsq", "uniform", "dct")
 CODERS = ("mlp", "conv")
@@ -96,7 +95,7 @@ class TokenizerSpec:
         """
         if self.tokenizer not in TOKENIZERS:
             raise unknown_choice("tokenizer", self.tokenizer, TOKENIZERS)
-        check_at_least(1, chunk_size=self.chunk_size, action_dim=self.action_dim)
+        self._check_least(1, "chunk_size", "action_dim")
         if self.is_learned:
             self._check_coders()
         if self.tokenizer == "residual_vq":
@@ -104,7 +103,7 @@ class TokenizerSpec:
         elif self.tokenizer == "fsq":
             self._check_levels()
         else:
-            check_ranges(self, "n_bins")
+            self._check_least(2, "n_bins")
         if self.tokenizer == "dct" and not 1 <= self.dct_coefficients <= self.chunk_size:
             raise ConfigurationError(
                 f"dct_coefficients={self.dct_coefficients} must be at least 1 and at most "
@@ -114,11 +113,16 @@ class TokenizerSpec:
     def _check_coders(self) -> None:
         if self.vqvae_coder not in CODERS:
             raise unknown_choice("vqvae_coder", self.vqvae_coder, CODERS)
-        check_ranges(self, "vqvae_num_layers", "vqvae_embedding_dim", "vqvae_enc_hidden_dim")
+        self._check_least(1, "vqvae_num_layers", "vqvae_embedding_dim", "vqvae_enc_hidden_dim")
 
     def _check_codebook(self) -> None:
-        check_ranges(self, "vqvae_n_embed", "kmeans_iters", "dead_code_threshold", "commitment_weight")
-        check_ranges(self, "vqvae_decay")
+        self._check_least(2, "vqvae_n_embed")
+        self._check_least(0, "kmeans_iters", "dead_code_threshold", "commitment_weight")
+        if not 0 <= self.vqvae_decay < 1:
+            raise ConfigurationError(
+                f"vqvae_decay={self.vqvae_decay} must be at least 0 and below 1: the share that the "
+                "codebook's moving average keeps in each step"
+            )
         if self.rotation_trick and self.vqvae_embedding_dim == 1:
             raise ConfigurationError(
                 "rotation_trick needs a direction to turn, and vqvae_embedding_dim=1 has none: use more "
@@ -136,3 +140,9 @@ class TokenizerSpec:
                 f"fsq_levels={self.fsq_levels} make {math.prod(self.fsq_levels)} codes, each with an "
                 f"output of its own: at most {MOST_CODES}"
             )
+
+    def _check_least(self, least: int, *names: str) -> None:
+        for name in names:
+            value = getattr(self, name)
+            if not (value >= least and math.isfinite(value)):
+                raise ConfigurationError(f"{name}={value} must be at least {least}, and finite")

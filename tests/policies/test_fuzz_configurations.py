@@ -13,10 +13,10 @@ from tiers import draws
 
 from lerobot_act_chunking.errors import ConfigurationError, FeatureError
 from lerobot_act_chunking.policies.field_checks import own_fields
+from lerobot_act_chunking.policies.ranges import RANGES
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
     TemporalEnsembleConfig,
 )
-from lerobot_act_chunking.ranges import RANGES
 
 TYPES = tuple(TINY)
 B = 3

@@ -1,16 +1,16 @@
 """From a latent's name to the latent."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
 
-from lerobot_act_chunking.errors import unknown_choice
+from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 from lerobot_act_chunking.nn.latents.categorical import CategoricalLatent
 from lerobot_act_chunking.nn.latents.conditional import ConditionalLatent
 from lerobot_act_chunking.nn.latents.gaussian import GaussianLatent
 from lerobot_act_chunking.nn.latents.latent import Latent
 from lerobot_act_chunking.nn.latents.mixture import MixtureLatent
-from lerobot_act_chunking.number_checks import check_ranges
 
 COMPONENT_WEIGHTS = ("empirical", "uniform")
 
@@ -59,7 +59,14 @@ class LatentSpec:
             raise unknown_choice("latent_type", self.latent_type, LATENTS)
         if self.prior_component_weights not in COMPONENT_WEIGHTS:
             raise unknown_choice("prior_component_weights", self.prior_component_weights, COMPONENT_WEIGHTS)
-        check_ranges(self, "latent_dim", "n_latent_components", "latent_warmup_steps", "z_temperature")
+        for name, least in (("latent_dim", 1), ("n_latent_components", 2), ("latent_warmup_steps", 1)):
+            if getattr(self, name) < least:
+                raise ConfigurationError(f"{name}={getattr(self, name)} must be at least {least}")
+        if not 0 < self.z_temperature < math.inf:
+            raise ConfigurationError(
+                f"z_temperature={self.z_temperature} must be above 0 and finite: set z_temperature=1, with "
+                "z_inference=mode for the likeliest style alone"
+            )
 
 
 LATENTS: dict[str, Callable[[LatentSpec, int], Latent]] = {
