@@ -33,12 +33,12 @@ def unknown_choice(what: str, value: object, choices: Iterable[str]) -> Configur
     return ConfigurationError(f"unknown {what} {value!r}; choose one of: {', '.join(choices)}")
 
 
-def need(module: str, setting: str, requirement: str) -> Any:
+def need(module: str, asked: str, requirement: str) -> Any:
     """Import a part of the installation that may be missing.
 
     Args:
         module: to import.
-        setting: the one that needs it, as ``vision_backbone=efficientnet_lite0``.
+        asked: the setting that needs it, as ``vision_backbone=efficientnet_lite0``.
         requirement: what pip installs it by.
 
     Raises:
@@ -48,5 +48,5 @@ def need(module: str, setting: str, requirement: str) -> Any:
         return importlib.import_module(module)
     except ImportError as error:
         raise ConfigurationError(
-            f"{setting} needs {error.name or module}: pip install '{requirement}'"
+            f"{asked} needs {error.name or module}: pip install '{requirement}'"
         ) from error
