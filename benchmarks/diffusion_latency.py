@@ -10,8 +10,6 @@ at as many network calls.
 
 import argparse
 import json
-import statistics
-import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -22,6 +20,7 @@ from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.policies.diffusion.configuration_diffusion import DiffusionConfig
 from lerobot.policies.diffusion.modeling_diffusion import DiffusionPolicy
 from lerobot.policies.pretrained import PreTrainedPolicy
+from paired_timing import compare
 
 from lerobot_act_chunking.nn.denoisers.unet1d import SIZES
 from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked import (
@@ -134,21 +133,6 @@ QUANTITIES = {
     "chunks": (chunk, MANY),
     "training step": (training_step, TRAINING_BATCH),
 }
-
-
-def compare(theirs: Callable[[], None], ours: Callable[[], None], repeats: int) -> tuple[float, float, float]:
-    """Time both in turns, after one untimed turn: medians [ms] and the median ratio."""
-    times = [(_milliseconds(theirs), _milliseconds(ours)) for _ in range(repeats + 1)][1:]
-    their_median, our_median = (statistics.median(column) for column in zip(*times, strict=True))
-    return their_median, our_median, statistics.median(b / a for a, b in times)
-
-
-def _milliseconds(call: Callable[[], None]) -> float:
-    start = time.perf_counter()
-    call()
-    if torch.cuda.is_available():
-        torch.cuda.synchronize()
-    return 1e3 * (time.perf_counter() - start)
 
 
 def run(case: Case, device: str, repeats: int) -> list[Result]:

@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from replanning_stall import Stall, Trial
 
-from lerobot_act_chunking.diagnostics.core.success import SuccessRate
+from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate
 
 NO_PAUSES = "transfer_cube, 4000 training steps"
 CURVES: dict[str, tuple[str, Callable[[dict[str, Any]], bool]]] = {
@@ -167,7 +167,6 @@ def stall_table(trials: list[Trial]) -> str:
     header += ["neighbours' steps (quartiles)", "far neighbours %"]
     lines = []
     for trial in trials:
-        low, high = trial.rate.interval
         stall = trial.stall
         where = ["-", "-"]
         if stall is not None:
@@ -175,7 +174,7 @@ def stall_table(trials: list[Trial]) -> str:
         lines.append(
             [
                 *(trial.task, f"{trial.pause_s:g}", str(trial.training_steps), str(trial.replan_interval)),
-                *(str(trial.lookahead), f"{100 * trial.rate.rate:.1f}", f"{100 * low:.1f}-{100 * high:.1f}"),
+                *(str(trial.lookahead), f"{100 * trial.rate.rate:.1f}", trial.rate.percent),
                 *(str(trial.stalled), *where),
             ]
         )

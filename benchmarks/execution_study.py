@@ -23,7 +23,8 @@ from rich.progress import Progress
 from rich.table import Table
 
 from lerobot_act_chunking.cli.quickstart import LOCAL_HUB, QuickstartPlan, run
-from lerobot_act_chunking.diagnostics.core.success import SuccessRate
+from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate, mcnemar
+from lerobot_act_chunking.durable_files import write_atomically
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES, TASKS
 
 FIRST_SEED = 1000  # lerobot-eval's
@@ -186,9 +187,7 @@ class Results:
 
     def add(self, cell: Cell) -> None:
         self.cells[cell.key] = cell
-        part = self.path.with_suffix(".part")
-        part.write_text(json.dumps([asdict(each) for each in self.cells.values()]))
-        part.replace(self.path)
+        write_atomically(self.path, json.dumps([asdict(each) for each in self.cells.values()]).encode())
 
 
 def study(plan: QuickstartPlan, episodes: int, console: Console) -> list[Cell]:
@@ -219,16 +218,6 @@ def study(plan: QuickstartPlan, episodes: int, console: Console) -> list[Cell]:
     return cells
 
 
-def paired_p(cell: Cell, reference: Cell) -> float:
-    """Exact McNemar test: could the same success rate on the same episodes explain the difference?"""
-    from scipy.stats import binomtest
-
-    only_here = len(set(cell.failed_seeds) - set(reference.failed_seeds))
-    only_there = len(set(reference.failed_seeds) - set(cell.failed_seeds))
-    both = only_here + only_there
-    return float(binomtest(only_here, both).pvalue) if both else 1.0
-
-
 COLUMNS = {
     "boundary_ratio": "boundary",
     "boundary_to_plan_ratio": "boundary/plan",
@@ -243,12 +232,11 @@ def rows(cells: list[Cell]) -> Iterator[list[str]]:
     """The cells of one task and checkpoint, compared with its open loop."""
     open_loop = cells[0]
     for cell in cells:
-        low, high = cell.rate.interval
         yield [
             label(cell.execution),
             f"{100 * cell.rate.rate:.1f}",
-            f"{100 * low:.1f}-{100 * high:.1f}",
-            f"{paired_p(cell, open_loop):.2g}",
+            cell.rate.percent,
+            f"{mcnemar(cell.failed_seeds, open_loop.failed_seeds):.2g}",
             f"{cell.calls_per_episode:.1f}",
             *(_number(cell.smoothness.get(name)) for name in COLUMNS),
         ]

@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from lerobot_act_chunking.diagnostics.core.success import SuccessRate
+from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate
 from lerobot_act_chunking.envs.aloha.experts import ExpertOptions, plan
 from lerobot_act_chunking.envs.aloha.success import SUCCESS_RULES, make_success_rule
 from lerobot_act_chunking.envs.aloha.world import (

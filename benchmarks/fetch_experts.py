@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from lerobot_act_chunking.diagnostics.core.success import SuccessRate
+from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate
 from lerobot_act_chunking.envs.demonstration import ExpertOptions
 from lerobot_act_chunking.envs.robotics.experts import EXPERTS, RANGES
 from lerobot_act_chunking.recording import RecordSpec

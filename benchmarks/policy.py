@@ -11,8 +11,6 @@ The last case is another comparison: LeRobot's `act` and our preset ``base``, ea
 
 import argparse
 import json
-import statistics
-import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -23,6 +21,7 @@ from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.policies.act.configuration_act import ACTConfig
 from lerobot.policies.act.modeling_act import ACTPolicy
 from lerobot.policies.pretrained import PreTrainedPolicy
+from paired_timing import compare
 
 from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
 from lerobot_act_chunking.policies.act_chunked.modeling_act_chunked import ActChunkedPolicy
@@ -133,22 +132,6 @@ def whole_chunk(policy: PreTrainedPolicy, batch: dict[str, torch.Tensor]) -> Cal
     return steps
 
 
-def compare(case: str, quantity: str, theirs: Callable, ours: Callable, repeats: int) -> Result:
-    """Time both in turns, after one untimed turn."""
-    times: list[tuple[float, float]] = []
-    for _ in range(repeats + 1):
-        times.append((_milliseconds(theirs), _milliseconds(ours)))
-    measured = times[1:]
-    medians = [statistics.median(column) for column in zip(*measured, strict=True)]
-    return Result(case, quantity, *medians, ratio=statistics.median(b / a for a, b in measured))
-
-
-def _milliseconds(call: Callable[[], None]) -> float:
-    start = time.perf_counter()
-    call()
-    return 1e3 * (time.perf_counter() - start)
-
-
 def run(case: Case, repeats: int) -> list[Result]:
     """All quantities of one case."""
     theirs, ours = make_policies(case)
@@ -159,7 +142,7 @@ def run(case: Case, repeats: int) -> list[Result]:
         ("training step", training_step, batch, repeats),
     )
     return [
-        compare(case.name, name, make(theirs, data), make(ours, data), n)
+        Result(case.name, name, *compare(make(theirs, data), make(ours, data), n))
         for name, make, data, n in quantities
     ]
 

@@ -19,7 +19,8 @@ from policy_training import Recording, Training, Variant
 from rich.console import Console
 from rich.table import Table
 
-from lerobot_act_chunking.diagnostics.core.success import SuccessRate
+from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate
+from lerobot_act_chunking.durable_files import write_atomically
 from lerobot_act_chunking.envs.robotics.tasks import TASKS as ROBOTICS_TASKS
 from lerobot_act_chunking.errors import ActChunkingError
 
@@ -177,9 +178,7 @@ class Results:
         return Cell(**json.loads(path.read_text())) if path.exists() else None
 
     def add(self, asked: Run, cell: Cell) -> None:
-        part = self.path(asked).with_suffix(".part")
-        part.write_text(json.dumps(asdict(cell)))
-        part.replace(self.path(asked))
+        write_atomically(self.path(asked), json.dumps(asdict(cell)).encode())
 
 
 @dataclass(frozen=True)
@@ -225,7 +224,6 @@ HEADER = ("task", "policy", "training", "sampling", "calls", "success %", "95 % 
 def row(cell: Cell) -> list[str]:
     """A cell in a table."""
     asked, rate, jerk = Run(**cell.run), cell.rate, cell.smoothness.get("rms_jerk")
-    low, high = rate.interval
     trained = f"seed {asked.seed}, {cell.train['steps']} steps, {cell.train['cpu_minutes']:.1f} CPU min"
     return [
         asked.task,
@@ -234,7 +232,7 @@ def row(cell: Cell) -> list[str]:
         " ".join(str(value) for value in asked.sampling.values()) or "as trained",
         str(cell.network_calls),
         f"{100 * rate.rate:.1f}",
-        f"{100 * low:.1f}-{100 * high:.1f}",
+        rate.percent,
         f"{jerk:.3g}" if jerk else "-",
         f"{cell.chunk_ms:.1f}",
     ]

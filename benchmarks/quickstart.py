@@ -22,7 +22,8 @@ from rich.console import Console
 from rich.table import Table
 
 from lerobot_act_chunking.cli.quickstart import LOCAL_HUB, QuickstartPlan, run
-from lerobot_act_chunking.diagnostics.core.success import read_success_rate
+from lerobot_act_chunking.diagnostics.core.eval_info import read_success_rate
+from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate
 
 BASELINE_POLICY = {
     "type": "act",
@@ -98,11 +99,11 @@ def train_baseline(plan: QuickstartPlan, minutes: float, console: Console) -> Ro
 def show(rows: list[Row], console: Console) -> None:
     table = Table("policy", "task", "seed", "steps", "minutes", "success", "95 % Wilson")
     for row in rows:
-        low, high = row.interval
-        rate = f"{100 * row.successes / row.episodes:.1f} % ({row.successes}/{row.episodes})"
+        rate = SuccessRate(row.successes, row.episodes)
+        success = f"{100 * rate.rate:.1f} % ({rate.successes}/{rate.episodes})"
         table.add_row(
-            *(row.policy, row.task, str(row.seed), str(row.steps), f"{row.train_minutes:.1f}", rate),
-            f"{100 * low:.1f}-{100 * high:.1f} %",
+            *(row.policy, row.task, str(row.seed), str(row.steps), f"{row.train_minutes:.1f}", success),
+            f"{rate.percent} %",
         )
     console.print(table)
 

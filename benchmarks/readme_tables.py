@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from scipy.stats import binomtest
+from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
@@ -60,12 +60,11 @@ def read(name: str) -> Any:
 
 def success_row(what: str, task: str, runs: list[tuple[int, int, float]]) -> str:
     """A row for trainings with (successes, episodes, minutes of CPU time) each."""
-    intervals = [binomtest(done, of).proportion_ci(method="wilson") for done, of, _ in runs]
-    low, high = min(each.low for each in intervals), max(each.high for each in intervals)
+    lows, highs = zip(*(SuccessRate(done, of).interval for done, of, _ in runs), strict=True)
     minutes = [f"{each(cpu for *_, cpu in runs):.1f}" for each in (min, max)]
     shown = "-".join(dict.fromkeys(minutes))
     successes = ", ".join(str(done) for done, *_ in runs)
-    return f"| {what} | {task} | {successes} | {100 * low:.1f}-{100 * high:.1f} % | {shown} min |"
+    return f"| {what} | {task} | {successes} | {100 * min(lows):.1f}-{100 * max(highs):.1f} % | {shown} min |"
 
 
 def success_table() -> Iterator[str]:

@@ -30,7 +30,8 @@ from typing import Any
 from execution_study import FEWEST_SUCCESSES, FIRST_SEED
 from rich.console import Console
 
-from lerobot_act_chunking.diagnostics.core.success import SuccessRate
+from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate
+from lerobot_act_chunking.durable_files import write_atomically
 from lerobot_act_chunking.envs.aloha.tasks import TASKS
 from lerobot_act_chunking.errors import ActChunkingError
 
@@ -96,10 +97,8 @@ class Results:
         policies, methods = list(dict.fromkeys(cell.policy for cell in self.cells)), list(METHODS)
         self.cells.sort(key=lambda c: (c.task, policies.index(c.policy), methods.index(c.method), c.delay))
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        part = self.path.with_suffix(".part")
         content = {"cells": [asdict(cell) for cell in self.cells], "ms_per_chunk": self.ms_per_chunk}
-        part.write_text(json.dumps(content) + "\n")
-        part.replace(self.path)
+        write_atomically(self.path, (json.dumps(content) + "\n").encode())
 
 
 def configure(policy: Any, method: str, delay: int) -> None:

@@ -28,7 +28,8 @@ from rich.console import Console
 from rich.table import Table
 
 from lerobot_act_chunking.cli.quickstart import QuickstartPlan
-from lerobot_act_chunking.diagnostics.core.success import SuccessRate
+from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate
+from lerobot_act_chunking.durable_files import write_atomically
 from lerobot_act_chunking.envs.aloha.tasks import TASKS
 
 PAUSES = (1.0, 0.5, 0.2)
@@ -194,9 +195,7 @@ class Trials:
         if key not in self.done:
             self.done[key] = self.make(task, pause, steps, interval, lookahead)
             self.console.print(f"{key}: {self.done[key].rate}, {self.done[key].stalled} stalled")
-            part = self.path.with_suffix(".part")
-            part.write_text(json.dumps([asdict(trial) for trial in self.done.values()]))
-            part.replace(self.path)
+            write_atomically(self.path, json.dumps([asdict(trial) for trial in self.done.values()]).encode())
         return self.done[key]
 
     def make(self, task: str, pause: float, steps: int, interval: int, lookahead: int) -> Trial:

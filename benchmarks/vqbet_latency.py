@@ -12,19 +12,17 @@ states alone, by networks of the same width, each with its default number of lay
 
 import argparse
 import json
-import statistics
-import time
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import torch
-from diffusion_latency import compare, training_step
+from diffusion_latency import training_step
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.policies.pretrained import PreTrainedPolicy
 from lerobot.policies.vqbet.configuration_vqbet import VQBeTConfig
 from lerobot.policies.vqbet.modeling_vqbet import VQBeTPolicy
+from paired_timing import compare, medians, milliseconds
 
 from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked import (
     DiffusionChunkedConfig,
@@ -40,8 +38,6 @@ ACTION = {"action": PolicyFeature(FeatureType.ACTION, (14,))}
 CHUNK = 50  # actions of a chunk, against diffusion
 TRAINING_BATCH = 8
 MANY = 50  # environments
-
-Call = Callable[[], object]
 
 
 @dataclass(frozen=True)
@@ -111,15 +107,6 @@ def observations(inputs: dict[str, PolicyFeature], *leading: int, device: str) -
     }
 
 
-def milliseconds(call: Call) -> float:
-    """Wall time of one call."""
-    start = time.perf_counter()
-    call()
-    if torch.cuda.is_available():
-        torch.cuda.synchronize()
-    return 1e3 * (time.perf_counter() - start)
-
-
 def control_steps(pair: Pair, n_chunks: int, device: str) -> list[Result]:
     """Both policies act in turns; the first chunk is not counted."""
     observation, chunk_size = observations(STATE | CAMERA, 1, device=device), pair.ours.config.chunk_size
@@ -132,13 +119,7 @@ def control_steps(pair: Pair, n_chunks: int, device: str) -> list[Result]:
         rows.append([milliseconds(call) for call in calls])
     steps = torch.tensor(rows[chunk_size:]).unflatten(0, (n_chunks, chunk_size))  # (chunk, step, policy)
     columns = {"chunk is due": steps[:, 0], "control step": steps.mean(1)}
-    return [pair.result(name, 1, summary(times.tolist())) for name, times in columns.items()]
-
-
-def summary(times: list[list[float]]) -> tuple[float, float, float]:
-    """Medians of both columns, and the median of their ratios."""
-    other, ours = (statistics.median(column) for column in zip(*times, strict=True))
-    return other, ours, statistics.median(b / a for a, b in times)
+    return [pair.result(name, 1, medians(times.tolist())) for name, times in columns.items()]
 
 
 def window(pair: Pair, repeats: int, device: str) -> Result:

@@ -26,7 +26,7 @@ from rich.console import Console
 from rich.table import Table
 
 from lerobot_act_chunking.cli.quickstart import QuickstartPlan, run
-from lerobot_act_chunking.diagnostics.core.success import SuccessRate
+from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
 from lerobot_act_chunking.envs.configuration_envs import AlohaSimEnvConfig
 

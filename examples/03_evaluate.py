@@ -6,7 +6,7 @@ import torch
 from lerobot.envs.factory import make_env, make_env_pre_post_processors
 from lerobot.scripts.lerobot_eval import eval_policy_all
 
-from lerobot_act_chunking.diagnostics.core.success import SuccessRate
+from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate
 from lerobot_act_chunking.envs.configuration_envs import AlohaSimEnvConfig
 from lerobot_act_chunking.policies.loading import load_policy
 

@@ -4,7 +4,7 @@ import argparse
 
 from lerobot_act_chunking.diagnostics.core.environments import environment_for
 from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
-from lerobot_act_chunking.diagnostics.core.success import SuccessRate
+from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate
 from lerobot_act_chunking.diagnostics.smoothness.measuring import measure
 from lerobot_act_chunking.diagnostics.smoothness.sources import action_std
 from lerobot_act_chunking.policies.temporal_ensemble.wrapping import load_wrapped

@@ -30,7 +30,7 @@ def action_of(output: Any) -> Any:
     return output["action"]
 
 
-def answers_questions(policy: Any) -> bool:
+def generates_text(policy: Any) -> bool:
     """Whether a policy generates text, too; no policy of 0.6.1 says so."""
     supported = getattr(policy, "supports_text_generation", None)
     return supported is not None and supported()
@@ -68,8 +68,8 @@ def check_rtc_mode(rtc_config: Any, *, learned_prefixes: bool) -> None:
     Raises:
         ConfigurationError: naming the mode that works.
     """
-    asked = rtc_config is not None and rtc_config.enabled and getattr(rtc_config, "mode", "guided")
-    if asked == "trained" and not learned_prefixes:
+    mode = rtc_config is not None and rtc_config.enabled and getattr(rtc_config, "mode", "guided")
+    if mode == "trained" and not learned_prefixes:
         raise ConfigurationError(
             "rtc mode=trained needs a policy that was trained to continue given actions (diffusion_chunked "
             "with --policy.prefix_steps, acting with warm_start=prefix); here use --inference.rtc.mode=guided"
@@ -123,7 +123,7 @@ def _training() -> ModuleType:
     return train_utils
 
 
-def reader_misfit() -> str | None:
+def reader_incompatibility() -> str | None:
     """In what LeRobot's reader differs from the 0.6.1 whose insides fast chunks use; None if it fits."""
     try:
         from datasets import Dataset, List, Value  # noqa: F401  (columns are told apart by them)
@@ -152,7 +152,7 @@ def _uses(function: Any, name: str) -> bool:
     return name in inspect.unwrap(function).__code__.co_names
 
 
-def hub_misfit() -> str | None:
+def hub_incompatibility() -> str | None:
     """In what huggingface_hub differs from the 1.x whose requests can be routed; None if it fits."""
     try:
         import httpx  # noqa: F401

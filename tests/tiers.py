@@ -10,5 +10,5 @@ full_tier = pytest.mark.skipif(not FULL, reason="takes minutes: runs in .ci/full
 
 
 def draws(gate: int, full: int) -> int:
-    """How many random cases a law is tried on, in the gate and in `.ci/full`."""
+    """How many random examples a property is tested on, in the gate and in `.ci/full`."""
     return full if FULL else gate

@@ -21,6 +21,7 @@ from rich.console import Console
 from rich.rule import Rule
 
 from lerobot_act_chunking.compat import trackers_off
+from lerobot_act_chunking.durable_files import write_atomically
 from lerobot_act_chunking.errors import ActChunkingError, ConfigurationError, unknown_choice
 
 TASKS = ("transfer_cube", "insertion")
@@ -240,10 +241,7 @@ def claim_folder(plan: QuickstartPlan) -> None:
                 "repeat those settings to go on with it, or give another --output-dir"
             )
         return
-    plan.folder.mkdir(parents=True, exist_ok=True)
-    unfinished = note.with_suffix(".tmp")
-    unfinished.write_text(json.dumps(settings, indent=2) + "\n")
-    unfinished.replace(note)
+    write_atomically(note, (json.dumps(settings, indent=2) + "\n").encode())
 
 
 def run(command: list[str], console: Console) -> None:
@@ -270,7 +268,7 @@ def train_afresh_or_on(plan: QuickstartPlan) -> list[str]:
 
 
 def _conclude(plan: QuickstartPlan, console: Console, seconds: float) -> None:
-    from lerobot_act_chunking.diagnostics.core.success import read_success_rate
+    from lerobot_act_chunking.diagnostics.core.eval_info import read_success_rate
 
     console.print(Rule("result"))
     console.print(f"success: {read_success_rate(plan.evaluation / 'eval_info.json')}")

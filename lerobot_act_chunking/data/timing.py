@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.number_checks import check_at_least
 
 MOST_STEPS = 100_000  # half an hour at 50 Hz; what is executed and observed is kept step by step
 
@@ -37,9 +38,13 @@ class ChunkTiming:
     obs_stride: int = 1
 
     def __post_init__(self) -> None:
-        for name in ("n_obs_steps", "chunk_size", "chunk_stride", "obs_stride"):
-            if getattr(self, name) < 1:
-                raise ConfigurationError(f"{name}={getattr(self, name)} must be at least 1")
+        check_at_least(
+            1,
+            n_obs_steps=self.n_obs_steps,
+            chunk_size=self.chunk_size,
+            chunk_stride=self.chunk_stride,
+            obs_stride=self.obs_stride,
+        )
         for name, n_steps in (
             (f"chunk_stride={self.chunk_stride} and chunk_size={self.chunk_size}", self.control_steps),
             (f"obs_stride={self.obs_stride} and n_obs_steps={self.n_obs_steps}", self.observed_steps),

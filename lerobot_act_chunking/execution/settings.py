@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
+from lerobot_act_chunking.number_checks import check_at_least, check_positive
 
 Mode = Literal["open_loop", "receding", "ensemble", "crossfade", "adaptive", "coherence"]
 Weighting = Literal["act", "recency", "uniform"]
@@ -139,11 +140,8 @@ class ExecutionSettings:
 
     def _check_timing(self) -> None:
         used, interval, latency = self.n_action_steps, self.replan_interval, self.latency_steps
-        for name in ("chunk_size", "n_action_steps", "replan_interval"):
-            if getattr(self, name) < 1:
-                raise ConfigurationError(f"{name}={getattr(self, name)} must be at least 1")
-        if latency < 0:
-            raise ConfigurationError(f"latency_steps={latency} must not be negative")
+        check_at_least(1, chunk_size=self.chunk_size, n_action_steps=used, replan_interval=interval)
+        check_at_least(0, latency_steps=latency)
         if used > self.chunk_size:
             raise ConfigurationError(
                 f"n_action_steps={used} exceeds the {self.chunk_size} control steps of a chunk: "
@@ -203,8 +201,7 @@ class ExecutionSettings:
                 f"crossfade_steps={fade} must be between 1 and the overlap of two chunks, n_action_steps - "
                 f"replan_interval - latency_steps = {overlap}"
             )
-        if scale is not None and not (math.isfinite(scale) and scale > 0):
-            raise ConfigurationError(f"adaptive_scale={scale} must be a positive number")
+        check_positive(adaptive_scale=scale)
         if samples is not None and samples < 2:
             raise ConfigurationError(f"n_samples={samples} leaves nothing to choose from: at least 2")
         if any(dim < 0 for dim in self.gripper_dims) or len(set(self.gripper_dims)) < len(self.gripper_dims):

@@ -1,12 +1,10 @@
-"""Durable file operations: what is visible under its final name is complete, also after a power cut."""
+"""Files of the local hub: received, hashed, linked, kept inside its folder."""
 
 import contextlib
-import errno
 import hashlib
 import os
 import shutil
 import time
-import uuid
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -14,15 +12,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
+from lerobot_act_chunking.durable_files import remove, scratch_path
 from lerobot_act_chunking.hub.refusal import RefusedError
 
 CHUNK = 1 << 20
 """How much of a file is read at a time [bytes]."""
 BATCH = 1 << 20
 """How much of an incoming body is handed to the hashing thread at a time [bytes]."""
-
-DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
-_NO_FOLDER_SYNC = (errno.EINVAL, errno.EACCES, errno.ENOTSUP, errno.EBADF)
 
 
 @dataclass(frozen=True)
@@ -32,17 +28,6 @@ class Received:
     path: Path
     digest: str
     size: int
-
-
-@contextmanager
-def scratch_path(folder: Path) -> Iterator[Path]:
-    """A fresh path in ``folder`` for a file or tree under construction; removed if it was not moved away."""
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / uuid.uuid4().hex
-    try:
-        yield path
-    finally:
-        remove(path)
 
 
 @contextmanager
@@ -90,33 +75,6 @@ def _batches(chunks: Iterable[bytes]) -> Iterator[list[bytes]]:
             batch, size = [], 0
     if batch:
         yield batch
-
-
-def sync_folder(folder: Path) -> None:
-    """Make renames inside ``folder`` survive a power cut, where the file system can promise that."""
-    if os.name == "nt":  # Windows has no handle to sync a folder with
-        return
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    except OSError as error:
-        if error.errno not in _NO_FOLDER_SYNC:
-            raise
-    finally:
-        os.close(descriptor)
-
-
-def publish(source: Path, target: Path) -> None:
-    """Give a finished file or folder its final name, atomically, replacing an existing file."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    source.replace(target)
-    sync_folder(target.parent)
-
-
-def write_durably(target: Path, data: bytes, scratch: Path) -> None:
-    """Write a small file so that readers see the old content or the new, never a mixture."""
-    with received([data], scratch) as body:
-        publish(body.path, target)
 
 
 def place(source: Path, target: Path, link: str) -> None:
@@ -169,20 +127,12 @@ def require_inside(path: Path, folder: Path) -> Path:
     return path
 
 
-def sweep(folder: Path, older_than: float) -> None:
+def remove_abandoned(folder: Path, older_than: float) -> None:
     """Remove what processes that died left half made in ``folder`` more than ``older_than`` [s] ago."""
     for path in folder.iterdir() if folder.is_dir() else ():
         with contextlib.suppress(OSError):  # somebody else's, or gone already
             if path.suffix != ".lock" and time.time() - path.stat().st_mtime > older_than:
                 remove(path)
-
-
-def remove(path: Path) -> None:
-    """Delete a file or a tree; nothing happens if it is gone already."""
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path, ignore_errors=True)
-    else:
-        path.unlink(missing_ok=True)
 
 
 def remove_empty_parents(path: Path, folder: Path) -> None:

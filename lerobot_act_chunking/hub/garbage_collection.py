@@ -4,6 +4,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from lerobot_act_chunking import durable_files
 from lerobot_act_chunking.hub import files
 from lerobot_act_chunking.hub.publishing import ABANDONED, delete_ref
 from lerobot_act_chunking.hub.refusal import RefusedError
@@ -84,18 +85,18 @@ def _drop(repository: Repository, commit_ids: list[str]) -> Freed:
         for name in _blobs_of(repository, commit_id):
             dropped_at[name] = max(moment, dropped_at.get(name, 0.0))
     for commit_id in commit_ids:
-        with files.scratch_path(repository.incoming) as trash:
-            files.publish(repository.snapshots / commit_id, trash)
-        files.remove(repository.commit_folder / f"{commit_id}.json")
+        with durable_files.scratch_path(repository.incoming) as trash:
+            durable_files.publish(repository.snapshots / commit_id, trash)
+        durable_files.remove(repository.commit_folder / f"{commit_id}.json")
     freed = [
         path
         for path in unreferenced_blobs(repository)
         if not _in_flight(path, dropped_at.get(path.name, 0.0))
     ]
     size = sum(path.lstat().st_size for path in freed)
-    files.sweep(repository.incoming, ABANDONED)
+    files.remove_abandoned(repository.incoming, ABANDONED)
     for path in freed:
-        files.remove(path)
+        durable_files.remove(path)
     return Freed(len(commit_ids), len(freed), size)
 
 

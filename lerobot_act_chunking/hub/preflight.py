@@ -7,9 +7,10 @@ from huggingface_hub import constants, get_session, get_token
 from huggingface_hub.errors import HfHubHTTPError, OfflineModeIsEnabled
 from huggingface_hub.utils import build_hf_headers, hf_raise_for_status
 
-from lerobot_act_chunking.compat import hub_misfit
+from lerobot_act_chunking import durable_files
+from lerobot_act_chunking.compat import hub_incompatibility
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.hub import files, publishing
+from lerobot_act_chunking.hub import publishing
 from lerobot_act_chunking.hub.names import RepoName
 from lerobot_act_chunking.hub.refusal import RefusedError
 from lerobot_act_chunking.hub.repository import MAIN
@@ -52,10 +53,10 @@ def check_push(config: PushSettings) -> None:
 
 def _check_routing() -> None:
     """What was meant for a folder does not go out into the world."""
-    misfit = hub_misfit()
-    if misfit is not None:
+    reason = hub_incompatibility()
+    if reason is not None:
         raise ConfigurationError(
-            f"{LOCAL_HUB} is set, but pushes cannot be led there ({misfit}): set --policy.push_to_hub=false, "
+            f"{LOCAL_HUB} is set, but pushes cannot be led there ({reason}): set --policy.push_to_hub=false, "
             f"or unset {LOCAL_HUB} to push to the real Hub"
         )
 
@@ -70,7 +71,7 @@ def _check_local_hub(hub: LocalHub, repo_id: str) -> None:
                 repository.commit(parent)
         else:
             name.creatable()
-        with hub.lock(name), files.scratch_path(hub.root / ".locks") as probe:
+        with hub.lock(name), durable_files.scratch_path(hub.root / ".locks") as probe:
             probe.touch()
     except (OSError, RefusedError) as error:
         raise ConfigurationError(

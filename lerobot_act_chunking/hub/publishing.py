@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
+from lerobot_act_chunking import durable_files
 from lerobot_act_chunking.hub import files
 from lerobot_act_chunking.hub.commits import Commit, Entry
 from lerobot_act_chunking.hub.names import (
@@ -51,7 +52,7 @@ def receive_blob(
             raise RefusedError(f"announced {size} bytes but received {body.size}; nothing was stored")
         if digest is not None and body.digest != digest:
             raise RefusedError(f"announced SHA-256 {digest} but received {body.digest}; nothing was stored")
-        files.publish(body.path, repository.blob(body.digest))
+        durable_files.publish(body.path, repository.blob(body.digest))
         return Entry(body.digest, body.size)
 
 
@@ -125,7 +126,7 @@ def publish_revision(repository: Repository, branch: str, change: Change) -> str
     commit = Commit.now(title=change.title, description=change.description, parent=parent, files=table)
     write_snapshot(repository, commit, parent)
     point(repository, branch, commit.commit_id)
-    files.sweep(repository.incoming, ABANDONED)
+    files.remove_abandoned(repository.incoming, ABANDONED)
     return commit.commit_id
 
 
@@ -133,7 +134,7 @@ def create_branch(repository: Repository, branch: str, revision: str) -> None:
     """A branch that starts at ``revision``."""
     _new_name(repository, branch)
     commit_id = repository.resolve(revision)
-    files.remove(repository.tag_folder / branch)  # of a tag whose creation or deletion was killed
+    durable_files.remove(repository.tag_folder / branch)  # of a tag whose creation or deletion was killed
     point(repository, branch, commit_id)
 
 
@@ -142,7 +143,7 @@ def create_tag(repository: Repository, tag: str, revision: str) -> None:
     _new_name(repository, tag)
     commit_id = repository.resolve(revision)
     # The mark goes first: a tag whose creation is killed is no ref at all rather than a branch.
-    files.write_durably(repository.tag_folder / tag, b"", repository.incoming)
+    durable_files.write_atomically(repository.tag_folder / tag, b"", repository.incoming)
     point(repository, tag, commit_id)
 
 
@@ -154,8 +155,8 @@ def delete_ref(repository: Repository, ref: str, *, tag: bool) -> None:
     if ref == MAIN:
         raise RefusedError(f"branch {MAIN!r} cannot be deleted; delete the repository instead", 403)
     path.unlink()
-    files.remove(repository.tag_folder / ref)
-    files.sync_folder(path.parent)
+    durable_files.remove(repository.tag_folder / ref)
+    durable_files.sync_folder(path.parent)
     for folder in (repository.ref_folder, repository.tag_folder):
         files.remove_empty_parents(folder / ref, folder)  # "a" may be a name again when "a/b" is gone
 
@@ -209,21 +210,21 @@ def _new_name(repository: Repository, ref: str) -> None:
 def point(repository: Repository, ref: str, commit_id: str) -> None:
     """Make a branch or tag name a revision."""
     path = files.require_inside(repository.ref_folder / ref, repository.folder)
-    files.write_durably(path, commit_id.encode(), repository.incoming)
+    durable_files.write_atomically(path, commit_id.encode(), repository.incoming)
 
 
 def write_snapshot(repository: Repository, commit: Commit, parent: str | None) -> None:
     """Give a revision its description and its folder."""
     commit_id = commit.commit_id
-    with files.scratch_path(repository.incoming) as tree:
+    with durable_files.scratch_path(repository.incoming) as tree:
         tree.mkdir()
         for path, entry in commit.files.items():
             _place_file(repository, tree / path, entry, repository.snapshots / str(parent) / path)
         for folder, _, _ in tree.walk():
-            files.sync_folder(folder)
+            durable_files.sync_folder(folder)
         description = repository.commit_folder / f"{commit_id}.json"
-        files.write_durably(description, commit.to_json(), repository.incoming)
-        files.publish(tree, repository.snapshots / commit_id)
+        durable_files.write_atomically(description, commit.to_json(), repository.incoming)
+        durable_files.publish(tree, repository.snapshots / commit_id)
 
 
 def _place_file(repository: Repository, target: Path, entry: Entry, previous: Path) -> None:

@@ -5,6 +5,7 @@ import os
 import uuid
 from pathlib import Path
 
+from lerobot_act_chunking import durable_files
 from lerobot_act_chunking.hub import files, publishing
 from lerobot_act_chunking.hub.commits import Commit, Entry
 from lerobot_act_chunking.hub.names import is_digest, is_sha256
@@ -47,7 +48,7 @@ class _Repair:
 
     def _set_aside(self, path: Path, why: str) -> None:
         target = self.aside / path.relative_to(self.repository.folder)
-        files.publish(path, target)
+        durable_files.publish(path, target)
         self.done.append(f"{path} {why}; it is now {target}")
 
     def _descriptions(self) -> None:

@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
+from lerobot_act_chunking import durable_files
 from lerobot_act_chunking.hub import files
 from lerobot_act_chunking.hub.commits import Commit, Entry
 from lerobot_act_chunking.hub.names import (
@@ -55,11 +56,11 @@ class Repository:
             (folder / part).mkdir(parents=True)
         first = Commit.now(title="initial commit", description="", parent=None, files={})
         scratch = folder / _OUR_FOLDER / "incoming"
-        files.write_durably(
+        durable_files.write_atomically(
             folder / _OUR_FOLDER / "commits" / f"{first.commit_id}.json", first.to_json(), scratch
         )
         (folder / "snapshots" / first.commit_id).mkdir()
-        files.write_durably(folder / "refs" / MAIN, first.commit_id.encode(), scratch)
+        durable_files.write_atomically(folder / "refs" / MAIN, first.commit_id.encode(), scratch)
 
     def refs(self) -> dict[str, str]:
         """What every branch and tag says, by name; a damaged ref says something that is no revision."""

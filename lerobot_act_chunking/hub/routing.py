@@ -7,7 +7,7 @@ from pathlib import Path
 import httpx
 from huggingface_hub import constants
 
-from lerobot_act_chunking.compat import hub_misfit
+from lerobot_act_chunking.compat import hub_incompatibility
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.hub.storage import LocalHub
 from lerobot_act_chunking.hub.transport import LocalHubTransport
@@ -35,11 +35,11 @@ def install() -> None:
     hub = configured_hub()
     if hub is None:
         return
-    misfit = hub_misfit()
-    if misfit is None:
+    reason = hub_incompatibility()
+    if reason is None:
         route_to(hub, fall_through=os.environ.get(FALL_THROUGH) == "1")
     else:
-        logger.warning("the local hub is off and the real Hub is asked: %s", misfit)
+        logger.warning("the local hub is off and the real Hub is asked: %s", reason)
 
 
 def route_to(hub: LocalHub, *, fall_through: bool = False) -> None:

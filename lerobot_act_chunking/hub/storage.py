@@ -23,6 +23,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from lerobot_act_chunking import durable_files
 from lerobot_act_chunking.hub import files
 from lerobot_act_chunking.hub.commits import current_user
 from lerobot_act_chunking.hub.names import RepoName
@@ -77,20 +78,20 @@ class LocalHub:
             if os.path.lexists(self.root / name.folder):
                 raise conflict(f"{name.repo_id!r} is already in the local hub {self.root}")
             name.creatable()
-            with files.scratch_path(self._work_folder) as scratch:
+            with durable_files.scratch_path(self._work_folder) as scratch:
                 scratch.mkdir()
                 if private:
                     set_private(scratch, private)
                 Repository.initialise(scratch)
-                files.publish(scratch, self.root / name.folder)
+                durable_files.publish(scratch, self.root / name.folder)
         return self.open(name)
 
     def delete(self, name: RepoName) -> None:
         """Remove a repository. Readers see all of it or nothing of it."""
         repository = self.open(name)
-        with self.lock(name), files.scratch_path(self._work_folder) as trash:
-            files.publish(repository.folder, trash)
-        files.sweep(self._work_folder, LOCK_TIMEOUT)
+        with self.lock(name), durable_files.scratch_path(self._work_folder) as trash:
+            durable_files.publish(repository.folder, trash)
+        files.remove_abandoned(self._work_folder, LOCK_TIMEOUT)
 
     @contextmanager
     def lock(self, name: RepoName) -> Iterator[None]:

@@ -10,7 +10,8 @@ import yaml
 from huggingface_hub import constants
 from huggingface_hub.errors import OfflineModeIsEnabled
 
-from lerobot_act_chunking.hub import files, reading, writing
+from lerobot_act_chunking import durable_files
+from lerobot_act_chunking.hub import reading, writing
 from lerobot_act_chunking.hub.commits import current_user
 from lerobot_act_chunking.hub.http_messages import HubRequest, path_segments, refused
 from lerobot_act_chunking.hub.names import KINDS, RepoName, shorten
@@ -189,7 +190,7 @@ def _unsupported(request: httpx.Request) -> RefusedError:
 
 
 def _disk_refusal(error: OSError, hub: LocalHub) -> RefusedError:
-    if error.errno in files.DISK_FULL:
+    if error.errno in durable_files.DISK_FULL:
         return RefusedError(
             f"no space left for the local hub {hub.root}; nothing was published, earlier revisions are safe. "
             "Free some space (act-chunking hub delete) and push again",

@@ -145,12 +145,12 @@ class ChunkedConfig(DatasetReading, ExecutionFields, GivenSettings, ChecksPush):
         Raises:
             ConfigurationError: without ``fps``, or if both forms are given and differ.
         """
-        asked = [name for name in IN_SECONDS if getattr(self, name) is not None]
-        if not asked:
+        given = [name for name in IN_SECONDS if getattr(self, name) is not None]
+        if not given:
             return
         if self.fps is None:
             raise ConfigurationError(
-                f"{asked[0]}={getattr(self, asked[0])} s needs the control rate: set --policy.fps to the "
+                f"{given[0]}={getattr(self, given[0])} s needs the control rate: set --policy.fps to the "
                 "dataset's frames per second"
             )
         if self.prediction_dt is not None:

@@ -42,9 +42,9 @@ class ExecutionFields:
             ConfigurationError: a combination that makes no sense.
         """
         check_gripper_dims(self.gripper_dims, action)
-        asked = {each.name: getattr(self, each.name) for each in fields(ExecutionFields)}
-        asked |= {"n_action_steps": n_action_steps, "gripper_dims": tuple(self.gripper_dims)}
-        given = {name: value for name, value in asked.items() if value is not None}
+        settings = {each.name: getattr(self, each.name) for each in fields(ExecutionFields)}
+        settings |= {"n_action_steps": n_action_steps, "gripper_dims": tuple(self.gripper_dims)}
+        given = {name: value for name, value in settings.items() if value is not None}
         return ExecutionSettings(chunk_size=chunk_size, **given)
 
 

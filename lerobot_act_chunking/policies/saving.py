@@ -1,14 +1,13 @@
 """Checkpoints written whole, or not at all."""
 
-import os
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from safetensors import SafetensorError
 
+from lerobot_act_chunking import durable_files
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.hub import files
 
 
 def save_checkpoint(parts: Iterable[Any], folder: Path) -> None:
@@ -23,12 +22,11 @@ def save_checkpoint(parts: Iterable[Any], folder: Path) -> None:
     """
     check_absent(folder)
     try:
-        with files.scratch_path(folder.parent) as scratch:
+        with durable_files.scratch_path(folder.parent) as scratch:
             for part in parts:
                 part.save_pretrained(scratch)
-            for file in scratch.iterdir():
-                _sync(file)
-            files.publish(scratch, folder)
+            durable_files.sync_tree(scratch)
+            durable_files.publish(scratch, folder)
     except (OSError, SafetensorError) as error:
         raise ConfigurationError(
             f"{folder} could not be written, and nothing of it was kept: {error}"
@@ -43,8 +41,3 @@ def check_absent(folder: Path) -> None:
     """
     if folder.exists() or folder.is_symlink():
         raise ConfigurationError(f"{folder} exists already: choose another folder, or remove it first")
-
-
-def _sync(file: Path) -> None:
-    with file.open("rb+") as opened:
-        os.fsync(opened.fileno())

@@ -10,7 +10,7 @@ from typing import Any
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.recording.attempts import AttemptQueue
 from lerobot_act_chunking.recording.episode import EpisodeSource
-from lerobot_act_chunking.recording.files import explain_full_disk
+from lerobot_act_chunking.recording.full_disk import explain_full_disk
 from lerobot_act_chunking.recording.runners import make_runner
 from lerobot_act_chunking.recording.staging import Staging, differences, open_staging, staging_folder
 from lerobot_act_chunking.recording.summary import (

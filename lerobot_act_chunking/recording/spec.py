@@ -10,6 +10,7 @@ from lerobot_act_chunking.envs.aloha.options import AlohaSimOptions
 from lerobot_act_chunking.envs.demonstration import ExpertOptions
 from lerobot_act_chunking.envs.robotics.options import RoboticsOptions
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
+from lerobot_act_chunking.number_checks import check_at_least
 from lerobot_act_chunking.recording.aloha import AlohaSource
 from lerobot_act_chunking.recording.robotics import RoboticsSource
 from lerobot_act_chunking.recording.simulated import SimulatedSource
@@ -88,9 +89,8 @@ class RecordSpec:
             )
         if self.env not in _KINDS:
             raise unknown_choice("env", self.env, _KINDS)
-        for name, least in (("episodes", 1), ("workers", 1), ("seed", 0)):
-            if getattr(self, name) < least:
-                raise ConfigurationError(f"{name} is {getattr(self, name)}; it must be {least} or more")
+        check_at_least(1, episodes=self.episodes, workers=self.workers)
+        check_at_least(0, seed=self.seed)
         if self.obs == "state" and self.cameras:
             names = ", ".join(self.cameras)
             raise ConfigurationError(f"obs state records no cameras, got {names}; use pixels or pixels_state")
@@ -110,7 +110,7 @@ class RecordSpec:
         return kind.source(kind.options(**self._environment(kind)), self.expert, self.operators)
 
     def _environment(self, kind: _Kind) -> dict[str, Any]:
-        asked: dict[str, Any] = {
+        options: dict[str, Any] = {
             "obs_type": self.obs,
             "observation_height": self.image_height,
             "observation_width": self.image_width,
@@ -118,9 +118,9 @@ class RecordSpec:
             "success": self.success or kind.success,
         }
         if self.task is not None:
-            asked["task"] = self.task
+            options["task"] = self.task
         if self.cameras:
-            asked["cameras"] = list(self.cameras)
+            options["cameras"] = list(self.cameras)
         if self.velocity is not None:
-            asked[kind.velocity] = self.velocity
-        return asked
+            options[kind.velocity] = self.velocity
+        return options

@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 from filelock import FileLock, Timeout
 
+from lerobot_act_chunking.durable_files import fill_atomically, publish, sync_tree, write_atomically
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.recording.episode import Episode
-from lerobot_act_chunking.recording.files import sync, sync_tree, write_atomically
 from lerobot_act_chunking.recording.lossless import LosslessVideo
 
 _TORN = (zipfile.BadZipFile, EOFError, ValueError, KeyError)
@@ -44,7 +44,7 @@ class EpisodeStore:
                 header["videos"][name] = [video.length, video.height, video.width]
                 entries[f"video/{name}"] = np.frombuffer(video.data, np.uint8)
         entries["header"] = np.array(json.dumps(header))
-        write_atomically(self._path(episode.seed), lambda file: np.savez(file, **entries))
+        fill_atomically(self._path(episode.seed), lambda file: np.savez(file, **entries))
 
     def load(self, seed: int) -> Episode:
         """The attempt of ``seed`` as it was saved."""
@@ -89,8 +89,7 @@ class Staging:
         sync_tree(self.dataset)
         if self.root.exists():
             self.root.rmdir()  # empty, or the recording would have been refused
-        self.dataset.rename(self.root)
-        sync(self.root.parent)
+        publish(self.dataset, self.root)
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
@@ -135,7 +134,7 @@ def open_staging(root: Path, manifest: dict[str, Any]) -> Iterator[Staging]:
 def _agree(folder: Path, manifest: dict[str, Any]) -> None:
     path = folder / "manifest.json"
     if not path.exists():
-        write_atomically(path, lambda file: file.write(json.dumps(manifest, indent=2).encode()))
+        write_atomically(path, json.dumps(manifest, indent=2).encode())
         return
     different = differences(json.loads(path.read_text()), manifest)
     if different:
@@ -145,8 +144,8 @@ def _agree(folder: Path, manifest: dict[str, Any]) -> None:
         )
 
 
-def differences(kept: dict[str, Any], asked: dict[str, Any]) -> str:
+def differences(kept: dict[str, Any], requested: dict[str, Any]) -> str:
     """Which settings differ, for an error message; empty when none does."""
-    asked = json.loads(json.dumps(asked))
-    names = [name for name in {**kept, **asked} if kept.get(name) != asked.get(name)]
-    return ", ".join(f"{name}: {kept.get(name)}, asked for {asked.get(name)}" for name in names)
+    requested = json.loads(json.dumps(requested))
+    names = [name for name in {**kept, **requested} if kept.get(name) != requested.get(name)]
+    return ", ".join(f"{name}: {kept.get(name)}, asked for {requested.get(name)}" for name in names)

@@ -1,4 +1,4 @@
-"""Law: advice that names a setting is followed word by word, and cures."""
+"""Property: advice that names a setting is followed word by word, and cures."""
 
 import re
 from typing import Any, get_args, get_type_hints

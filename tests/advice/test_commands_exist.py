@@ -1,4 +1,4 @@
-"""Law: every command that a message, a docstring or a page names exists, with its subcommand and options."""
+"""Property: every command that a message, docstring or page names exists, with its subcommand and options."""
 
 import ast
 import itertools

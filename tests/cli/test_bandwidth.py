@@ -81,7 +81,7 @@ def test_exit_status(arguments, status, capsys):
         ("--coeff -0.1", "temporal_ensemble_coeff=-0.1 must be at least 0"),
         ("--chunk-size 10 --replan-interval 11", "replan_interval=11 must be below n_action_steps=10"),
         ("--chunk-size 10 --replan-interval 8 --latency-steps 3", "exceeds n_action_steps=10"),
-        ("--latency-steps -1", "latency_steps=-1 must not be negative"),
+        ("--latency-steps -1", "latency_steps=-1 must be at least 0"),
         ("--fps 0", "fps=0.0 must be a positive number"),
         ("--fps -50", "fps=-50.0 must be a positive number"),
         ("--chunk-size 0", "chunk_size=0 must be at least 1"),

@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ import torch
 from lerobot.configs import FeatureType, PolicyFeature, PreTrainedConfig
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
+from safetensors.torch import load_file, save_file
 
 import lerobot_act_chunking.policies.act_chunked.configuration_act_chunked  # noqa: F401  (registers)
 from lerobot_act_chunking.cli.main import main
@@ -88,9 +91,25 @@ def test_an_untrained_latent_is_diagnosed(dataset, checkpoint, tmp_path, capsys)
     assert "zero, the mode *" in capsys.readouterr().out
 
 
-def test_a_fitted_prior_is_a_checkpoint_of_its_own(dataset, checkpoint, tmp_path, capsys):
-    from pathlib import Path
+def test_a_latent_that_has_hardly_learned_says_so_before_the_diagnosis(dataset, checkpoint, tmp_path, capsys):
+    def reasons(change):
+        content = load_file(weights)
+        save_file({name: change(name, tensor) for name, tensor in content.items()}, weights)
+        main(["latent", str(folder), dataset, "--json", str(tmp_path / "latent.json")])
+        return json.loads((tmp_path / "latent.json").read_text())["reasons"]
 
+    folder = Path(shutil.copytree(checkpoint, tmp_path / "policy"))
+    weights = folder / "model.safetensors"
+    untouched = reasons(lambda _, tensor: tensor)
+    assert "is untrained" in untouched[0]
+    one_step = reasons(lambda name, tensor: tensor * 1.01 if name.endswith("weight") else tensor)
+    assert "has hardly learned: on the demonstrations it is off by" in one_step[0]
+    assert "train for longer" in one_step[0]
+    assert "policy acts as one without a latent" in one_step[1]
+    assert one_step[0] in " ".join(capsys.readouterr().out.split())
+
+
+def test_a_fitted_prior_is_a_checkpoint_of_its_own(dataset, checkpoint, tmp_path, capsys):
     before, out = digests(Path(checkpoint)), tmp_path / "fitted"
     arguments = ["fit-prior", checkpoint, dataset, "--out", str(out), "--component-weights", "uniform"]
     assert main(arguments) == DONE
@@ -125,12 +144,12 @@ def test_other_latents_are_diagnosed_and_not_fitted(latent_type, dataset, tmp_pa
 
 
 def test_a_run_that_breaks_off_leaves_nothing(dataset, checkpoint, tmp_path, monkeypatch):
-    from lerobot_act_chunking.hub import files
+    from lerobot_act_chunking import durable_files
 
     def break_off(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(files, "publish", break_off)
+    monkeypatch.setattr(durable_files, "publish", break_off)
     assert main(["fit-prior", checkpoint, dataset, "--out", str(tmp_path / "out" / "fitted")]) == 130
     assert list((tmp_path / "out").iterdir()) == []
 

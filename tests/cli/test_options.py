@@ -1,4 +1,4 @@
-"""Laws of the whole command line: one spelling for one thing, and statuses that cannot be mistaken."""
+"""Properties of the whole command line: one spelling for one thing, and statuses that cannot be mistaken."""
 
 import re
 

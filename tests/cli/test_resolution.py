@@ -59,7 +59,7 @@ def test_a_stride_that_is_too_coarse_fails(dataset, capsys):
         (["--strides", "2;5"], "strides='2;5' must be numbers with commas between them"),
         (["--gripper-dims", "2"], "2 is no dimension of these actions, which have 2"),
         (["--horizon-s", "7"], "no episode of"),
-        (["--tolerance", "0"], "tolerance=0 must be above 0"),
+        (["--tolerance", "0"], "tolerance=0.0 must be a positive number"),
     ],
 )
 def test_what_cannot_be_answered_is_said(dataset, arguments, message, capsys):

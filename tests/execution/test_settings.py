@@ -93,7 +93,7 @@ def test_by_default_replanning_leaves_an_overlap(execution, chunk_size, latency)
         ({"chunk_size": 0}, "chunk_size=0 must be at least 1"),
         ({"n_action_steps": 0}, "n_action_steps=0 must be at least 1"),
         ({"execution": "receding", "replan_interval": 0}, "replan_interval=0 must be at least 1"),
-        ({"execution": "receding", "latency_steps": -1}, "latency_steps=-1 must not be negative"),
+        ({"execution": "receding", "latency_steps": -1}, "latency_steps=-1 must be at least 0"),
         ({"n_action_steps": 11}, "n_action_steps=11 exceeds the 10 control steps of a chunk: only predicted"),
         (
             {"execution": "ensemble", "n_action_steps": 4, "replan_interval": 4},

@@ -1,4 +1,4 @@
-"""Laws of every action head, whatever its likelihood."""
+"""Properties of every action head, whatever its likelihood."""
 
 import pytest
 import torch

@@ -64,7 +64,7 @@ def test_without_the_variable_nothing_is_said(monkeypatch, caplog):
     assert caplog.messages == []
 
 
-def test_the_plugin_loads_with_neither_seam(tmp_path):
+def test_the_plugin_loads_with_neither_reader_nor_hub(tmp_path):
     code = (
         "from huggingface_hub import constants; del constants.HF_HUB_DISABLE_XET;"
         "import lerobot.datasets.lerobot_dataset as module; module.LeRobotDataset.__getitems__ = len;"

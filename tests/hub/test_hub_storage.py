@@ -13,7 +13,7 @@ from conftest import FILES
 from huggingface_hub import HfApi, scan_cache_dir, snapshot_download
 from huggingface_hub.errors import HfHubHTTPError
 
-from lerobot_act_chunking.hub import files, storage
+from lerobot_act_chunking.hub import storage
 from lerobot_act_chunking.hub.names import RepoName
 from lerobot_act_chunking.hub.refusal import RefusedError
 from lerobot_act_chunking.hub.storage import LocalHub
@@ -239,19 +239,3 @@ def test_deleting_sweeps_what_killed_deletions_left(hub: LocalHub):
     os.utime(trash, (0, 0))
     hub.delete(MODEL)
     assert [path.name for path in trash.parent.iterdir()] in ([], ["models--me--act.lock"])
-
-
-def test_sync_of_a_folder_forgives_only_file_systems_that_cannot(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    def failing(code: int) -> Callable[[int], None]:
-        def fsync(descriptor: int) -> None:
-            raise OSError(code, os.strerror(code))
-
-        return fsync
-
-    monkeypatch.setattr(os, "fsync", failing(errno.EINVAL))
-    files.sync_folder(tmp_path)
-    monkeypatch.setattr(os, "fsync", failing(errno.EIO))
-    with pytest.raises(OSError, match=os.strerror(errno.EIO)):
-        files.sync_folder(tmp_path)

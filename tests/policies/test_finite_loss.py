@@ -1,4 +1,4 @@
-"""Law: training never goes on with a loss that is not finite, and says which input made it so."""
+"""Property: training never goes on with a loss that is not finite, and says which input made it so."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Law: a setting that was given is what the configuration says ever after, or it is refused."""
+"""Property: a setting that was given is what the configuration says ever after, or it is refused."""
 
 import math
 from dataclasses import fields
@@ -95,7 +95,7 @@ def test_what_is_given_stays_or_is_refused(policy_type, tmp_path):
             loaded = PreTrainedConfig.from_pretrained(tmp_path / str(number))
             assert not differing(loaded, given), given
             assert loaded == config
-    assert kept > 50  # the law is about those
+    assert kept > 50  # the property is about those
 
 
 @pytest.mark.parametrize("policy_type", TYPES)

@@ -36,7 +36,7 @@ MOMENTS = {
     "closing_files": ((f"{LEROBOT}.lerobot_dataset:LeRobotDataset", "finalize", 1, "before"), 1, False),
     "before_publication": ((f"{OURS}.staging:Staging", "publish", 1, "before"), 1, False),
     "syncing_dataset": (("os", "fsync", 16, "before"), 1, False),
-    "published": (("pathlib:Path", "rename", 1, "after"), 1, False),
+    "published": ((f"{OURS}.staging", "publish", 1, "after"), 1, False),
     "with_workers": ((f"{OURS}.attempts:AttemptQueue", "__next__", 3, "after"), 2, False),
     "encoding_video": (
         (f"{LEROBOT}.video_utils:StreamingVideoEncoder", "finish_episode", 2, "before"),

@@ -26,9 +26,9 @@ from lerobot_act_chunking.recording import RecordSpec
         ({"success": "luck"}, "unknown success rule 'luck'; choose one of: touch, hold"),
         ({"env": "lab"}, "unknown env 'lab'; choose one of: aloha_sim, gymnasium_robotics"),
         ({"expert": ExpertOptions(speed=2.0)}, "expert option speed=2.0 is outside 0.7 .. 1.5 times the"),
-        ({"episodes": 0}, "episodes is 0; it must be 1 or more"),
-        ({"workers": 0}, "workers is 0; it must be 1 or more"),
-        ({"seed": -1}, "seed is -1; it must be 0 or more"),
+        ({"episodes": 0}, "episodes=0 must be at least 1"),
+        ({"workers": 0}, "workers=0 must be at least 1"),
+        ({"seed": -1}, "seed=-1 must be at least 0"),
         *(
             ({"repo_id": bad}, f"repo id {bad!r} is not of the form user/name")
             for bad in ("cube", "a/b/c", "me/", "/cube", "me/cu be", "../cube", "me/cubé", "")

@@ -98,14 +98,14 @@ events = st.lists(
     max_size=30,
 )
 kinds = st.sampled_from(sorted(KINDS))
-law = settings(max_examples=draws(50, 5000), deadline=None)
+property_test = settings(max_examples=draws(50, 5000), deadline=None)
 
 
 def play(run: Run, story) -> list[torch.Tensor]:
     return [run.act(what) for event, what in story if event == "act" or run.reset(what)]
 
 
-@law
+@property_test
 @given(kinds, events, st.integers(0, 2**40))
 def test_the_same_run_repeats_whatever_is_reset_before_it(kind, story, seed):
     once, again = Run(kind, seed), Run(kind, seed)
@@ -115,7 +115,7 @@ def test_the_same_run_repeats_whatever_is_reset_before_it(kind, story, seed):
         assert torch.equal(one, other)
 
 
-@law
+@property_test
 @given(kinds, events)
 def test_no_two_episodes_share_their_draws(kind, story):
     run = Run(kind)
@@ -124,7 +124,7 @@ def test_no_two_episodes_share_their_draws(kind, story):
     assert all(not torch.equal(a, b) for a, b in itertools.combinations(firsts, 2))
 
 
-@law
+@property_test
 @given(kinds, events, st.integers(0, N_ENVS - 1))
 def test_an_environments_episodes_do_not_depend_on_the_others(kind, story, env):
     together, alone = Run(kind), Run(kind)
@@ -141,7 +141,7 @@ def test_an_environments_episodes_do_not_depend_on_the_others(kind, story, env):
         assert torch.equal(one, other)
 
 
-@law
+@property_test
 @given(kinds, events, st.integers(0, 2**70), st.integers(0, N_ENVS - 1))
 def test_an_episode_with_a_known_seed_depends_on_nothing_else(kind, story, episode_seed, env):
     if kind == "held noise":

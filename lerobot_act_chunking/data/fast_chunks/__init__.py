@@ -5,8 +5,8 @@ steps. Here the numbers are arrays, read once, and a batch is gathered at once. 
 and their order, types, shapes, values, ``*_is_pad``, ``task``. Images and videos still come out of LeRobot's
 own code.
 
-**The seam.** ``install`` replaces three names in ``lerobot.datasets.factory``, the module from which
-``lerobot-train`` gets its datasets, and nothing else:
+**Where it enters LeRobot.** ``install`` replaces three names in ``lerobot.datasets.factory``, the module from
+which ``lerobot-train`` gets its datasets, and nothing else:
 
 - ``LeRobotDataset`` becomes ``FastChunkDataset``, a subclass that reads through ``ChunkReader``;
 - ``make_dataset`` is wrapped to refuse an absent dataset (see ``checks``);
@@ -22,6 +22,6 @@ dataset whose first and last items do not come out as LeRobot's, or at which the
 LeRobot.
 """
 
-from lerobot_act_chunking.data.fast_chunks.seam import install, uninstall
+from lerobot_act_chunking.data.fast_chunks.factory_patch import install, uninstall
 
 __all__ = ["install", "uninstall"]

@@ -13,10 +13,10 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 from lerobot_act_chunking.data.fast_chunks.agreement import differing_key
 from lerobot_act_chunking.data.fast_chunks.batch import GatheredBatch, Item
+from lerobot_act_chunking.data.fast_chunks.factory_patch import SWITCH
 from lerobot_act_chunking.data.fast_chunks.reader import ChunkReader, parts
 from lerobot_act_chunking.data.fast_chunks.reading import Reading
 from lerobot_act_chunking.data.fast_chunks.rows import check_rows
-from lerobot_act_chunking.data.fast_chunks.seam import SWITCH
 
 NOT_NUMBERS = ("image", "video", "string", "language")
 

@@ -13,8 +13,8 @@ from lerobot_act_chunking.diagnostics.bandwidth.report import AtDisturbance, Ban
 from lerobot_act_chunking.diagnostics.bandwidth.settings import Limits
 from lerobot_act_chunking.diagnostics.bandwidth.source import Source
 from lerobot_act_chunking.diagnostics.bandwidth.verdict import judge, judge_steps
-from lerobot_act_chunking.diagnostics.core.checks import check_positive
 from lerobot_act_chunking.diagnostics.core.training import untrained
+from lerobot_act_chunking.number_checks import check_positive
 
 if TYPE_CHECKING:
     from lerobot_act_chunking.diagnostics.bandwidth.push import PushStudy

@@ -11,13 +11,13 @@ import numpy as np
 from lerobot_act_chunking.diagnostics.bandwidth.closed_form import ensemble_weights, filter_for
 from lerobot_act_chunking.diagnostics.bandwidth.filter import ROUNDING, start_up_step
 from lerobot_act_chunking.diagnostics.bandwidth.source import Source, read_source
-from lerobot_act_chunking.diagnostics.core.checks import check_positive
 from lerobot_act_chunking.diagnostics.core.environments import environment_of
 from lerobot_act_chunking.diagnostics.core.rollouts import OnStep, Rollout, roll_out
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES, TASKS
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 from lerobot_act_chunking.execution.settings import ExecutionSettings
+from lerobot_act_chunking.number_checks import check_positive
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields
 from lerobot_act_chunking.policies.loading import LoadedPolicy, load_policy, read_config
 
@@ -111,13 +111,13 @@ def study_push(
         )
     seeds = list(range(seed, seed + episodes))
     responses = []
-    asked = executions(own, source.settings)
-    for done, settings in enumerate(asked):
+    requested = executions(own, source.settings)
+    for done, settings in enumerate(requested):
         apply_execution(policy, settings)
 
         def show(finished: int, before: int) -> None:
             if progress is not None:
-                progress(before + finished, 2 * len(asked) * len(seeds))
+                progress(before + finished, 2 * len(requested) * len(seeds))
 
         before = 2 * done * len(seeds)
         quiet = roll_out(policy, env_config, seeds, progress=partial(show, before=before))
@@ -132,11 +132,11 @@ def study_push(
     return PushStudy(task, push_m, push_step, seeds, float(env_config.fps), responses)
 
 
-def executions(own: ExecutionSettings, asked: ExecutionSettings) -> list[ExecutionSettings]:
+def executions(own: ExecutionSettings, requested: ExecutionSettings) -> list[ExecutionSettings]:
     """The checkpoint's own execution, the newest chunk alone, and one that averages; without repetitions."""
-    averaging = asked
-    if asked.execution not in _AVERAGED_MODES:
-        averaging = ExecutionSettings(asked.chunk_size, "ensemble", asked.n_action_steps)
+    averaging = requested
+    if requested.execution not in _AVERAGED_MODES:
+        averaging = ExecutionSettings(requested.chunk_size, "ensemble", requested.n_action_steps)
     newest = ExecutionSettings(
         averaging.chunk_size,
         "receding",
@@ -145,7 +145,7 @@ def executions(own: ExecutionSettings, asked: ExecutionSettings) -> list[Executi
         averaging.latency_steps,
         gripper_dims=averaging.gripper_dims,
     )
-    return list(dict.fromkeys((own, newest, asked, averaging)))
+    return list(dict.fromkeys((own, newest, requested, averaging)))
 
 
 def load_for_execution(checkpoint: str) -> LoadedPolicy:

@@ -26,7 +26,7 @@ class Loss:
 
 
 @dataclass(frozen=True)
-class Moment:
+class WorstChunk:
     """A chunk that its codes say badly.
 
     Attributes:
@@ -50,14 +50,14 @@ class Losses:
     Attributes:
         dimensions: raw units.
         points: the same in space, where `measure` knows how; in its ``unit``.
-        worst: moments, the worst first, no two of which overlap.
+        worst: chunks, the worst first, no two of which overlap.
         lost_variance: mean share over the dimensions that vary, whatever they were normalised by.
     """
 
     dimensions: list[Loss]
     points: list[Loss]
     unit: str
-    worst: list[Moment]
+    worst: list[WorstChunk]
     lost_variance: float
 
 
@@ -90,7 +90,7 @@ def _mean_p95(errors: np.ndarray) -> tuple[float, float]:
     return float(np.nanmean(errors)), float(np.nanpercentile(errors, 95))
 
 
-def _worst(coded: CodedChunks, demonstrations: ActionEpisodes) -> list[Moment]:
+def _worst(coded: CodedChunks, demonstrations: ActionEpisodes) -> list[WorstChunk]:
     chunks, rms = coded.chunks, coded.chunk_errors
     found: list[int] = []
     for row in np.argsort(-rms):
@@ -101,7 +101,7 @@ def _worst(coded: CodedChunks, demonstrations: ActionEpisodes) -> list[Moment]:
     errors = np.nan_to_num(coded.errors[found]).max(1)  # (worst, A)
     dims = np.where(chunks.moving, coded.lost[found], -1.0).argmax(1)
     return [
-        Moment(
+        WorstChunk(
             episode=int(chunks.episode[row]),
             time_s=float(chunks.step[row] / demonstrations.fps),
             name=demonstrations.names[int(dim)],

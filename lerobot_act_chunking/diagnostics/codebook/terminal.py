@@ -5,7 +5,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from lerobot_act_chunking.diagnostics.codebook.drift import Drift
-from lerobot_act_chunking.diagnostics.codebook.losses import Loss, Losses, Moment
+from lerobot_act_chunking.diagnostics.codebook.losses import Loss, Losses, WorstChunk
 from lerobot_act_chunking.diagnostics.codebook.meaning import CodeUse
 from lerobot_act_chunking.diagnostics.codebook.report import CodebookReport
 from lerobot_act_chunking.diagnostics.codebook.subject import Subject
@@ -103,7 +103,7 @@ def _rows(report: CodebookReport) -> list[tuple[str, str]]:
         ("combinations", _combinations(usage)),
         ("a chunk costs", f"{usage.bits:.4g} bits, {usage.entropy_bits:.4g} if frequent codes cost less"),
         ("variance lost", f"{report.losses.lost_variance:.1%}, all dimensions"),
-        ("worst moments", "\n".join(_moment(moment) for moment in report.losses.worst)),
+        ("worst moments", "\n".join(_worst_chunk(chunk) for chunk in report.losses.worst)),
     ]
     return rows if report.drift is None else [*rows, ("drift", _drift(report.drift))]
 
@@ -115,8 +115,8 @@ def _combinations(usage: Usage) -> str:
     return f"{usage.combinations} of 2^{usage.bits:.0f} in use"
 
 
-def _moment(moment: Moment) -> str:
-    return f"episode {moment.episode} from {moment.time_s:.1f} s: {moment.name} off by {moment.error:.2g}"
+def _worst_chunk(chunk: WorstChunk) -> str:
+    return f"episode {chunk.episode} from {chunk.time_s:.1f} s: {chunk.name} off by {chunk.error:.2g}"
 
 
 def _drift(drift: Drift) -> str:

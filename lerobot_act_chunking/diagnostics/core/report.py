@@ -25,7 +25,7 @@ class Judgement:
 
 
 def with_untrained[J: Judgement](judgement: J, untrained: str | None) -> J:
-    """The judgement; where the policy is untrained that comes first, and it passes nothing."""
+    """The judgement; where the policy is (as good as) untrained that comes first, and it passes nothing."""
     if untrained is None:
         return judgement
     verdict = "warn" if judgement.verdict == "pass" else judgement.verdict

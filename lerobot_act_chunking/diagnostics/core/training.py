@@ -1,4 +1,4 @@
-"""What a checkpoint says of its training: the data, the control rate, and whether there was any."""
+"""What a checkpoint says of its training: the data, the control rate, and whether it has learned anything."""
 
 import json
 from dataclasses import dataclass
@@ -11,6 +11,12 @@ UNTRAINED = (
     "the policy at {checkpoint} is untrained (its weights are still the initial ones), so that this says "
     "nothing about a trained one: give a checkpoint of lerobot-train"
 )
+HARDLY_LEARNED = (
+    "the policy at {checkpoint} has hardly learned: on the demonstrations it is off by {error:.2g} (mean "
+    "absolute error, normalised units), by as much as {baseline:.2g} if it always did their mean action, so "
+    "that this says little about a trained one: train for longer"
+)
+_HARDLY = 0.8  # of the mean action's error; what has learned is well below
 _FLOATS = {"F64", "F32", "F16", "BF16"}
 
 
@@ -95,6 +101,19 @@ def untrained(checkpoint: str) -> str | None:
         return UNTRAINED.format(checkpoint=checkpoint) if file.is_file() and _is_initial(file) else None
     except SafetensorError:  # a wrapped policy's, or damaged: whoever loads it says so
         return None
+
+
+def hardly_learned(checkpoint: str, error: float, baseline: float) -> str | None:
+    """The sentence that says so, if a policy knows hardly more of its demonstrations than their mean action.
+
+    Args:
+        checkpoint: its name.
+        error: mean absolute error on the demonstrations [normalised units].
+        baseline: the same of their mean action.
+    """
+    if error <= _HARDLY * baseline:
+        return None
+    return HARDLY_LEARNED.format(checkpoint=checkpoint, error=error, baseline=baseline)
 
 
 def _is_initial(file: Path) -> bool:

@@ -51,11 +51,24 @@ def encode(subject: Subject, samples: Samples, *, seed: int) -> Encoded:
     return Encoded(*(torch.cat(each).double().cpu().numpy() for each in zip(*parts, strict=True)))
 
 
+@dataclass(frozen=True)
+class Reconstruction:
+    """What decoding makes of demonstrations, in normalised units.
+
+    Attributes:
+        errors: (N,) mean absolute error of each chunk, by where its style is from.
+        baseline: mean absolute error of the demonstrations' mean action, for which it takes no policy.
+    """
+
+    errors: dict[str, Float[np.ndarray, " N"]]
+    baseline: float
+
+
 @torch.no_grad()
-def reconstruction_errors(
+def reconstruct(
     subject: Subject, samples: Samples, styles: Mapping[str, Float[np.ndarray, "N L"]], *, seed: int
-) -> dict[str, Float[np.ndarray, " N"]]:
-    """Mean absolute error of each chunk [normalised units] when it is decoded from these styles.
+) -> Reconstruction:
+    """Decode chunks from these styles.
 
     Actions behind the episode's end do not count. A head that samples does so with the same numbers for all.
     """
@@ -63,6 +76,7 @@ def reconstruction_errors(
     n_queries = config.chunk_size // config.actions_per_query
     generator = torch.Generator().manual_seed(seed)
     errors: dict[str, list[Tensor]] = {name: [] for name in styles}
+    demonstrated: list[Tensor] = []
     done = 0
     for training_batch in _training_batches(subject, samples):
         size = len(training_batch.observation.tokens)
@@ -76,8 +90,13 @@ def reconstruction_errors(
             z = torch.from_numpy(values[done : done + size]).to(training_batch.observation.tokens)
             actions = network.act(training_batch.observation, z, draws, n_queries)
             errors[name].append(_absolute_error(actions, training_batch.target))
+        demonstrated.append(training_batch.target.actions[~training_batch.target.is_pad])
         done += size
-    return {name: torch.cat(parts).double().cpu().numpy() for name, parts in errors.items()}
+    actions = torch.cat(demonstrated).double()
+    return Reconstruction(
+        {name: torch.cat(parts).double().cpu().numpy() for name, parts in errors.items()},
+        float((actions - actions.mean(0)).abs().mean()),
+    )
 
 
 def _absolute_error(actions: Float[Tensor, "B T A"], target: ActionTarget) -> Float[Tensor, " B"]:

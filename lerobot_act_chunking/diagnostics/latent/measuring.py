@@ -7,9 +7,9 @@ import torch
 from jaxtyping import Float, Int64
 
 from lerobot_act_chunking.diagnostics.core.report import with_untrained
-from lerobot_act_chunking.diagnostics.core.training import untrained
+from lerobot_act_chunking.diagnostics.core.training import hardly_learned, untrained
 from lerobot_act_chunking.diagnostics.latent.density import Density, fit_density, with_density
-from lerobot_act_chunking.diagnostics.latent.encoding import Encoded, encode, reconstruction_errors
+from lerobot_act_chunking.diagnostics.latent.encoding import Encoded, encode, reconstruct
 from lerobot_act_chunking.diagnostics.latent.figures import check_prior, measure_groups, measure_health
 from lerobot_act_chunking.diagnostics.latent.report import FITTED, LEARNED, STANDARD, LatentReport
 from lerobot_act_chunking.diagnostics.latent.samples import Samples
@@ -50,13 +50,17 @@ def measure(
     step = -(-len(samples) // DECODED)
     styles = {"posterior": encoded.z, "shuffled": _shuffled(encoded.z, seed), "mode": encoded.mode} | drawn
     decoded = {name: z[::step] for name, z in styles.items()}
-    errors = reconstruction_errors(subject, samples.every(step), decoded, seed=seed)
+    reconstruction = reconstruct(subject, samples.every(step), decoded, seed=seed)
+    errors = reconstruction.errors
     means = {name: float(each.mean()) for name, each in errors.items()}
     groups = measure_groups(of_samples, n_groups, of_samples[::step], errors["posterior"])
     health = measure_health(encoded, samples.progress)
     check = next(prior for prior in priors if prior.name == acting)
     measured = Measurements(subject.config, health, means, check, groups, is_fitted=acting == FITTED)
-    judgement = with_untrained(judge(measured, thresholds), untrained(subject.checkpoint))
+    message = untrained(subject.checkpoint) or hardly_learned(
+        subject.checkpoint, means["posterior"], reconstruction.baseline
+    )
+    judgement = with_untrained(judge(measured, thresholds), message)
     return LatentReport(
         subject=subject,
         samples=samples,

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.number_checks import check_at_least
 
 
 @dataclass(frozen=True)
@@ -48,5 +48,4 @@ class Settings:
     thresholds: Thresholds = field(default_factory=Thresholds)
 
     def __post_init__(self) -> None:
-        if self.samples < 2:
-            raise ConfigurationError(f"samples={self.samples} must be at least 2")
+        check_at_least(2, samples=self.samples)

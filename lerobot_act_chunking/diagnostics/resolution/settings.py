@@ -1,10 +1,10 @@
 """What is asked: of which dataset, and what its strides are held against."""
 
-import math
 from dataclasses import dataclass, field
 
 from lerobot_act_chunking.data.actions import is_dataset
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError
+from lerobot_act_chunking.number_checks import check_at_least, check_positive
 
 
 @dataclass(frozen=True)
@@ -32,13 +32,8 @@ class Criteria:
         Raises:
             ConfigurationError: naming the value and the way out.
         """
-        if not (self.horizon_s > 0 and math.isfinite(self.horizon_s)):
-            raise ConfigurationError(f"horizon_s={self.horizon_s:g} must be above 0, and finite")
-        if self.tolerance is not None and not (self.tolerance > 0 and math.isfinite(self.tolerance)):
-            raise ConfigurationError(f"tolerance={self.tolerance:g} must be above 0, and finite")
-        for stride in (*self.strides, *([] if self.chunk_stride is None else [self.chunk_stride])):
-            if stride < 1:
-                raise ConfigurationError(f"a stride of {stride} must be at least 1 control step")
+        check_positive(horizon_s=self.horizon_s, tolerance=self.tolerance)
+        check_at_least(1, chunk_stride=self.chunk_stride, strides=min(self.strides, default=None))
         for dim in self.gripper_dims:
             if not 0 <= dim < n_dims:
                 raise ConfigurationError(

@@ -90,10 +90,10 @@ def chunk_timing(stride: int, horizon_s: float, fps: float) -> ChunkTiming:
     return timing
 
 
-def choose_strides(asked: Sequence[int], also: int | None, horizon_s: float, fps: float) -> list[int]:
-    """The strides to try: those asked for, or the usual ones a horizon has room for; ``also``; and 1."""
+def choose_strides(requested: Sequence[int], also: int | None, horizon_s: float, fps: float) -> list[int]:
+    """The strides to try: those requested, or the usual ones a horizon has room for; ``also``; and 1."""
     n_steps = round(horizon_s * fps)
-    wanted = set(asked) or {stride for stride in USUAL if 2 * stride < n_steps}
+    wanted = set(requested) or {stride for stride in USUAL if 2 * stride < n_steps}
     return sorted(wanted | {1} | (set() if also is None else {also}))
 
 

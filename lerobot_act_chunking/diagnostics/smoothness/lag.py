@@ -110,16 +110,16 @@ def lag_products(commands: Trajectories, positions: Trajectories, dt: float) -> 
     auto = np.zeros((2, most + 1, commands[0].shape[1]))
     samples = 0
     for command, position in zip(commands, positions, strict=True):
-        asked, done = (
+        commanded, achieved = (
             ndimage.gaussian_filter1d(np.diff(motion, axis=0), sigma, axis=0)
             for motion in (command, position)
         )
-        samples += len(asked)
+        samples += len(commanded)
         for row, lag in enumerate(range(first, most + 1)):
-            early, late = _shifted(asked, done, lag)
+            early, late = _shifted(commanded, achieved, lag)
             sums[:, row] += (early * late).sum(0), np.square(early).sum(0), np.square(late).sum(0)
         for lag in range(most + 1):
-            auto[:, lag] += _autoproduct(asked, lag), _autoproduct(done, lag)
+            auto[:, lag] += _autoproduct(commanded, lag), _autoproduct(achieved, lag)
     return LagProducts(dt, first, *sums, chance=_chance(auto, samples))
 
 
@@ -166,9 +166,11 @@ def made_from_states(commands: Trajectories, positions: Trajectories, dims: Sequ
     return None
 
 
-def _shifted(asked: np.ndarray, done: np.ndarray, lag: int) -> tuple[np.ndarray, np.ndarray]:
-    size = max(0, len(asked) - abs(lag))
-    return (asked[:size], done[len(done) - size :]) if lag >= 0 else (asked[len(asked) - size :], done[:size])
+def _shifted(commanded: np.ndarray, achieved: np.ndarray, lag: int) -> tuple[np.ndarray, np.ndarray]:
+    size = max(0, len(commanded) - abs(lag))
+    if lag >= 0:
+        return commanded[:size], achieved[len(achieved) - size :]
+    return commanded[len(commanded) - size :], achieved[:size]
 
 
 def _autoproduct(velocity: np.ndarray, lag: int) -> np.ndarray:

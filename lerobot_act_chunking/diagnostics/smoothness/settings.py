@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 from lerobot_act_chunking.diagnostics.core.environments import check_task
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.number_checks import check_at_least
 
 
 @dataclass(frozen=True)
@@ -23,8 +24,7 @@ class EvaluationSpec:
     def __post_init__(self) -> None:
         if self.episodes < 2:
             raise ConfigurationError(f"episodes={self.episodes}: smoothness needs at least 2")
-        if self.n_envs < 1:
-            raise ConfigurationError(f"n_envs={self.n_envs} must be at least 1")
+        check_at_least(1, n_envs=self.n_envs)
         check_task(self.task)
 
 

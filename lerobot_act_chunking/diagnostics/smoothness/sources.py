@@ -18,7 +18,8 @@ from lerobot_act_chunking.diagnostics.core.rollouts import Inference, Rollout, r
 from lerobot_act_chunking.diagnostics.core.training import untrained
 from lerobot_act_chunking.diagnostics.smoothness.settings import EvaluationSpec
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
-from lerobot_act_chunking.errors import ConfigurationError, DatasetError
+from lerobot_act_chunking.errors import DatasetError, FeatureError
+from lerobot_act_chunking.number_checks import check_at_least
 from lerobot_act_chunking.policies.loading import LoadedPolicy, load_policy
 
 EVALUATED = "agent_pos"
@@ -112,13 +113,14 @@ def read_dataset(path: str, replan_interval: int | None = None) -> Source:
 
     Raises:
         DatasetError: no dataset, or one without actions.
+        FeatureError: the datasets in the folder are of different robots.
         ConfigurationError: a replan interval below 1.
     """
-    if replan_interval is not None and replan_interval < 1:
-        raise ConfigurationError(f"replan_interval={replan_interval} must be at least 1 control step")
+    check_at_least(1, replan_interval=replan_interval)
     datasets = [_open(folder) for folder in _dataset_folders(Path(path))]
     if not datasets:
         raise DatasetError(f"there is no dataset at {path}: no meta/info.json in it or below")
+    _check_same_robot(path, datasets)
     rollouts = [rollout for dataset in datasets for rollout in _episodes(dataset, replan_interval)]
     first = datasets[0].meta
     std = first.stats[ACTION]["std"] if first.stats and len(datasets) == 1 else _std_of(rollouts)
@@ -148,6 +150,18 @@ def _open(folder: Path) -> LeRobotDataset:
             f"the dataset at {folder} has no {ACTION!r}; it has {', '.join(dataset.meta.features)}"
         )
     return dataset
+
+
+def _check_same_robot(path: str, datasets: Sequence[LeRobotDataset]) -> None:
+    """Refuse datasets of one source that differ in the action's size or in the control rate."""
+    robots = [(dataset.meta.features[ACTION]["shape"][0], dataset.meta.fps) for dataset in datasets]
+    if len(set(robots)) > 1:
+        named = zip(datasets, robots, strict=True)
+        found = [f"{each.root.name} {dims} at {fps:g} Hz" for each, (dims, fps) in named]
+        raise FeatureError(
+            f"the datasets in {path} are of different robots, by the dimensions of their actions and their "
+            f"control rates: {', '.join(found)}; give a folder with those of one robot"
+        )
 
 
 def _episodes(dataset: LeRobotDataset, replan_interval: int | None) -> list[Rollout]:

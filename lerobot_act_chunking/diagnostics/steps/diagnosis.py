@@ -4,7 +4,6 @@ from typing import Any
 
 from lerobot.utils.constants import ACTION
 
-from lerobot_act_chunking.diagnostics.core.checks import check_positive
 from lerobot_act_chunking.diagnostics.core.measures import measure_of
 from lerobot_act_chunking.diagnostics.core.report import with_untrained
 from lerobot_act_chunking.diagnostics.core.training import dataset_features, read_training, untrained
@@ -24,6 +23,7 @@ from lerobot_act_chunking.diagnostics.steps.subject import (
 )
 from lerobot_act_chunking.diagnostics.steps.success import SuccessOfCell, cells_to_run, success_by_steps
 from lerobot_act_chunking.diagnostics.steps.verdict import judge
+from lerobot_act_chunking.number_checks import check_positive
 from lerobot_act_chunking.policies.loading import read_config
 
 FIRST_SEED = 1000

@@ -80,13 +80,13 @@ def make_grid(
         raise ConfigurationError(f"step counts must be at least 1, got {list(steps)}")
     own = _deterministic(own, available)
     count = _counter(process)
-    asked = (
+    requested = (
         Cell(name, n, spacing)
         for name in samplers or available
         for spacing in _spacings(name)
         for n in sorted({*(steps or STEPS)})
     )
-    possible = {cell: n for cell in asked if (n := count(cell)) is not None and n <= MOST_EVALUATIONS}
+    possible = {cell: n for cell in requested if (n := count(cell)) is not None and n <= MOST_EVALUATIONS}
     references = _references(process)
     required = {cell: count(cell) for cell in (own, *references)}
     for cell, n in required.items():

@@ -45,14 +45,14 @@ class Settings:
             check_task(self.success)
 
 
-def tolerance_of(asked: float | None, measure: Measure) -> float:
+def tolerance_of(requested: float | None, measure: Measure) -> float:
     """The tolerance asked for, or half a millimetre.
 
     Raises:
         ConfigurationError: it is needed, because there are no millimetres.
     """
-    if asked is not None:
-        return asked
+    if requested is not None:
+        return requested
     if measure.unit != "mm":
         raise ConfigurationError(
             "these actions are not ALOHA's 14 joints, so there is no distance in millimetres: say with "

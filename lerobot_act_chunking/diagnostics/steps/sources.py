@@ -17,7 +17,8 @@ from lerobot_act_chunking.diagnostics.core.episodes import evenly
 from lerobot_act_chunking.diagnostics.core.measures import Measure, measure_of
 from lerobot_act_chunking.diagnostics.core.training import Training, read_training
 from lerobot_act_chunking.diagnostics.steps.measuring import Demonstrated
-from lerobot_act_chunking.errors import ConfigurationError, DatasetError, FeatureError
+from lerobot_act_chunking.errors import DatasetError, FeatureError
+from lerobot_act_chunking.number_checks import check_at_least
 
 SLOW = 0.25
 """Speed, as a share of a point's fast motion, below which the robot counts as close to contact."""
@@ -67,9 +68,7 @@ def hold_out(
         ConfigurationError: numbers below 1.
         FeatureError: the dataset lacks what the policy observes, or is another robot's.
     """
-    for name, value in (("episodes", episodes), ("observations", observations)):
-        if value < 1:
-            raise ConfigurationError(f"{name}={value} must be at least 1")
+    check_at_least(1, episodes=episodes, observations=observations)
     training = read_training(checkpoint, config)
     folder = Path(path or training.folder or "")
     if not is_dataset(folder):

@@ -6,7 +6,7 @@ from typing import Any
 
 from lerobot_act_chunking.diagnostics.core.environments import environment_of
 from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
-from lerobot_act_chunking.diagnostics.core.success import SuccessRate
+from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate
 from lerobot_act_chunking.diagnostics.steps.grid import Cell
 from lerobot_act_chunking.policies.loading import load_policy
 

@@ -39,13 +39,13 @@ class ConfiguredSamplers:
         if timestep_spacing is None and name in (None, config.sampler):
             timestep_spacing = config.timestep_spacing
         name, n_steps = name or config.sampler, num_inference_steps or config.num_inference_steps
-        asked = {
+        options = {
             "spacing": timestep_spacing,
             "strength": strength,
             "clip": config.clip_sample_range if config.clip_sample else None,
             "clip_mode": config.clip_mode if name in ("ddim", "ddpm") else "consistent",
         }
-        key = (name, n_steps, *asked.values())
+        key = (name, n_steps, *options.values())
         if key not in self._made:
-            self._made[key] = make_sampler(self.process, name, n_steps, **asked)
+            self._made[key] = make_sampler(self.process, name, n_steps, **options)
         return self._made[key]

@@ -177,7 +177,7 @@ class TemporalEnsemblePolicy(WithModelCard, PreTrainedPolicy):
 
     def supports_text_generation(self) -> bool:
         """Whether the inner policy answers questions (LeRobot 0.7)."""
-        return compat.answers_questions(self.inner)
+        return compat.generates_text(self.inner)
 
     def generate_text(self, batch: Batch) -> str:
         """The inner policy's answer to the question in ``batch``."""

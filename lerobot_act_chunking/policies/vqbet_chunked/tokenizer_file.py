@@ -1,7 +1,6 @@
 """A trained tokenizer as a file: weights and codes, and what they were made from."""
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,7 +13,9 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save
 from torch import Tensor
 
+from lerobot_act_chunking.durable_files import write_atomically
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.number_checks import check_at_least
 from lerobot_act_chunking.policies.statistics import NEEDED, floored_statistics
 from lerobot_act_chunking.tokenizers.make import building_settings
 from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
@@ -53,12 +54,8 @@ class TokenizerTraining:
         Raises:
             ConfigurationError: naming the value.
         """
-        for name in ("steps", "batch_size"):
-            if getattr(self, name) < 1:
-                raise ConfigurationError(f"{name}={getattr(self, name)} must be at least 1")
-        for name in ("lr", "weight_decay", "seed"):
-            if not getattr(self, name) >= 0:
-                raise ConfigurationError(f"{name}={getattr(self, name)} must not be negative")
+        check_at_least(1, steps=self.steps, batch_size=self.batch_size)
+        check_at_least(0, lr=self.lr, weight_decay=self.weight_decay, seed=self.seed)
 
 
 @dataclass(frozen=True)
@@ -226,17 +223,3 @@ def check_normalization(
                 f"{name!r} of action {worst} is {theirs[worst]:.6g}; here it is {ours[worst]:.6g}: train a "
                 "tokenizer on this dataset, with this norm_std_floor"
             )
-
-
-def write_atomically(path: Path, content: bytes) -> None:
-    """Put a file in place in one step; a crash before that leaves at most ``.<name>.<pid>`` beside it."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)

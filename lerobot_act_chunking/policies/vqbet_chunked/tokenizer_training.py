@@ -15,6 +15,7 @@ from lerobot.configs import NormalizationMode
 
 from lerobot_act_chunking.data.actions import read_demonstrations
 from lerobot_act_chunking.data.timing import ChunkTiming
+from lerobot_act_chunking.durable_files import write_atomically
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 from lerobot_act_chunking.policies.vqbet_chunked.action_chunks import ActionChunks
 from lerobot_act_chunking.policies.vqbet_chunked.presets import preset_values
@@ -24,7 +25,6 @@ from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import (
     load_tokenizer,
     read_info,
     save_tokenizer,
-    write_atomically,
 )
 from lerobot_act_chunking.tokenizers.learned import perplexity
 from lerobot_act_chunking.tokenizers.make import TOKENIZERS, check_tokenizer, make_tokenizer

@@ -1,4 +1,4 @@
-"""Law: what LeRobot's own policies train on, and how they fail, is the same with the package as without."""
+"""Property: LeRobot's own policies train on the same, and fail alike, with and without the package."""
 
 import contextlib
 import io

@@ -1,4 +1,4 @@
-"""Law: an item of the fast reader is LeRobot's item, or the same kind of error, whatever the dataset."""
+"""Property: an item of the fast reader is LeRobot's item, or the same kind of error, whatever the dataset."""
 
 import functools
 from pathlib import Path

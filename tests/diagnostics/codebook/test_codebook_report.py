@@ -48,6 +48,8 @@ def test_json_holds_everything(report, tmp_path):
     assert content["drift"]["folder"] == "other"
     assert content["verdict"] == report.judgement.verdict
     assert content["thresholds"]["lost_variance"] == [0.1, 0.5]
+    assert content["thresholds"]["unsaid"] == 0.5
+    assert "lost_dimension_variance" not in content["thresholds"]
 
 
 def test_the_card_tells_it(report):

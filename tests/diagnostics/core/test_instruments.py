@@ -1,4 +1,4 @@
-"""Laws of every instrument: the same files, one way in, and a report that ends like all others."""
+"""Properties of every instrument: the same files, one way in, and a report that ends like all others."""
 
 import importlib
 import json

@@ -10,7 +10,7 @@ from small_policies import STATE, make_policy, save
 from lerobot_act_chunking.cli.main import main
 from lerobot_act_chunking.diagnostics.core.environments import environment_of
 from lerobot_act_chunking.diagnostics.core.report import Judgement, with_untrained
-from lerobot_act_chunking.diagnostics.core.training import read_training, untrained
+from lerobot_act_chunking.diagnostics.core.training import hardly_learned, read_training, untrained
 from lerobot_act_chunking.errors import ConfigurationError, FeatureError
 
 OTHER = {"observation.state": PolicyFeature(FeatureType.STATE, (9,))}
@@ -41,6 +41,13 @@ def test_a_denoiser_without_normalisation_is_told_by_its_zeros(tmp_path):
         folder.mkdir()
         save_file({"last.weight": weight, "first.weight": torch.ones(4, 5)}, folder / "model.safetensors")
         assert (untrained(str(folder)) is None) == (name == "learnt")
+
+
+def test_a_policy_that_knows_the_mean_action_alone_has_hardly_learned():
+    message = hardly_learned("me/act", 0.7, 0.8)
+    assert message is not None
+    assert "me/act has hardly learned: on the demonstrations it is off by 0.7" in message
+    assert hardly_learned("me/act", 0.2, 0.8) is None
 
 
 def test_an_untrained_policy_passes_nothing_and_it_is_said_first():

@@ -2,7 +2,8 @@ import json
 
 import pytest
 
-from lerobot_act_chunking.diagnostics.core.success import SuccessRate, read_success_rate
+from lerobot_act_chunking.diagnostics.core.eval_info import read_success_rate
+from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate, mcnemar
 from lerobot_act_chunking.errors import DatasetError
 
 
@@ -22,6 +23,17 @@ def test_certain_outcomes_keep_an_interval():
 def test_impossible_counts_are_refused(successes, episodes):
     with pytest.raises(ValueError, match=f"{successes} successes in {episodes} episodes"):
         SuccessRate(successes, episodes)
+
+
+def test_the_same_failures_are_no_difference():
+    assert mcnemar([1, 2, 3], [1, 2, 3]) == 1.0
+    assert mcnemar([], []) == 1.0
+
+
+def test_mcnemar_by_hand():
+    # 8 episodes differ, 7 of them failed here alone: twice the tail (1 + 8) / 2 ** 8 of a fair coin.
+    assert mcnemar([0, *range(1, 8)], [0, 9]) == pytest.approx(2 * 9 / 256, rel=1e-12)
+    assert mcnemar([0, 9], [0, *range(1, 8)]) == pytest.approx(2 * 9 / 256, rel=1e-12)
 
 
 def test_reads_lerobot_evals_file_over_all_tasks(tmp_path):

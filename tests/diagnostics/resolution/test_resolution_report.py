@@ -111,11 +111,11 @@ def test_aloha_is_judged_in_millimetres(tmp_path):
 @pytest.mark.parametrize(
     ("criteria", "message"),
     [
-        (Criteria(horizon_s=0.0), "horizon_s=0 must be above 0, and finite"),
+        (Criteria(horizon_s=0.0), "horizon_s=0.0 must be a positive number"),
         (Criteria(horizon_s=float("nan")), "horizon_s=nan must be"),
-        (Criteria(tolerance=-1.0), "tolerance=-1 must be above 0"),
-        (Criteria(strides=(2, 0)), "a stride of 0 must be at least 1 control step"),
-        (Criteria(chunk_stride=-3), "a stride of -3 must be at least 1"),
+        (Criteria(tolerance=-1.0), "tolerance=-1.0 must be a positive number"),
+        (Criteria(strides=(2, 0)), "strides=0 must be at least 1"),
+        (Criteria(chunk_stride=-3), "chunk_stride=-3 must be at least 1"),
         (
             Criteria(gripper_dims=(1, 2)),
             r"gripper_dims=\[1, 2\]: 2 is no dimension of these actions, which have 2",
@@ -153,7 +153,7 @@ def test_json_holds_every_number(tmp_path):
     assert five["dimensions"][1]["above_nyquist"] is None
     assert five["dimensions"][0]["p95"] > 0
     assert five["farthest"] is None
-    assert content["criteria"]["strides"] == [5]
+    assert content["question"]["strides"] == [5]
 
 
 @pytest.mark.parametrize(

@@ -131,6 +131,13 @@ def test_sources_with_other_joints_do_not_compare(tmp_path):
         compare(paths, EvaluationSpec())
 
 
+def test_datasets_of_different_robots_in_one_folder_are_refused(tmp_path):
+    for name, joints in (("a", NAMES), ("b", NAMES[:2])):
+        write_dataset(tmp_path / "robots" / name, names=joints)
+    with pytest.raises(FeatureError, match=r"of different robots, .*: a 3 at 25 Hz, b 2 at 25 Hz;"):
+        compare([str(tmp_path / "robots")], EvaluationSpec())
+
+
 def test_progress_names_the_checkpoint(tmp_path):
     path = save(make_policy(n_action_steps=5), tmp_path / "policy")
     seen = []

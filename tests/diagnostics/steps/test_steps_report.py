@@ -8,7 +8,7 @@ from fields import MEASURE, gaussian, grid_of, three_modes
 from rich.console import Console
 
 from lerobot_act_chunking.diagnostics.core.measures import AlohaGraspPoints
-from lerobot_act_chunking.diagnostics.core.success import SuccessRate
+from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate
 from lerobot_act_chunking.diagnostics.steps import notes
 from lerobot_act_chunking.diagnostics.steps.grid import Cell
 from lerobot_act_chunking.diagnostics.steps.measuring import Scale, run_sweep

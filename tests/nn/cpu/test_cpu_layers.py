@@ -1,4 +1,4 @@
-"""Law: the transformer computed in the CPU's order is the one of `nn.layers`, in values and gradients."""
+"""Property: the transformer in the CPU's order has the values and gradients of the one of `nn.layers`."""
 
 from dataclasses import replace
 

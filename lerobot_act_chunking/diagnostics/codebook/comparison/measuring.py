@@ -20,7 +20,8 @@ from lerobot_act_chunking.diagnostics.codebook.usage import measure_usage
 from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes
 from lerobot_act_chunking.diagnostics.core.measures import measure_of
 from lerobot_act_chunking.diagnostics.core.report import Judgement
-from lerobot_act_chunking.errors import ConfigurationError, DatasetError
+from lerobot_act_chunking.errors import DatasetError
+from lerobot_act_chunking.number_checks import check_at_least
 from lerobot_act_chunking.policies.statistics import NEEDED
 from lerobot_act_chunking.policies.vqbet_chunked.presets import preset_values
 from lerobot_act_chunking.tokenizers.make import make_tokenizer
@@ -58,8 +59,7 @@ def compare(
         ConfigurationError: less than one step.
         DatasetError: a single episode, or none as long as half a chunk.
     """
-    if steps < 1:
-        raise ConfigurationError(f"steps={steps} must be at least 1")
+    check_at_least(1, steps=steps)
     seen, held_out = _split(demonstrations)
     trial = _Trial(seen, held_out, timing, steps, seed)
     fitted = [trial.run(candidate) for candidate in watch(candidates_for(timing.chunk_size))]

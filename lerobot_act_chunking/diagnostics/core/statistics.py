@@ -1,10 +1,7 @@
-"""Success rates with the interval that a finite number of episodes allows."""
+"""What finite numbers of episodes say of a success rate, and of the difference between two."""
 
-import json
+from collections.abc import Collection
 from dataclasses import dataclass
-from pathlib import Path
-
-from lerobot_act_chunking.errors import DatasetError
 
 
 @dataclass(frozen=True)
@@ -35,27 +32,31 @@ class SuccessRate:
         low, high = binomtest(self.successes, self.episodes).proportion_ci(method="wilson")
         return float(low), float(high)
 
-    def __str__(self) -> str:
+    @property
+    def percent(self) -> str:
+        """The interval in per cent, as ``30.1-95.4``."""
         low, high = self.interval
+        return f"{100 * low:.1f}-{100 * high:.1f}"
+
+    def __str__(self) -> str:
         return (
             f"{100 * self.rate:.1f} % ({self.successes}/{self.episodes} episodes, "
-            f"95 % Wilson interval {100 * low:.1f}-{100 * high:.1f} %)"
+            f"95 % Wilson interval {self.percent} %)"
         )
 
 
-def read_success_rate(eval_info: Path) -> SuccessRate:
-    """Read the success rate from the ``eval_info.json`` that ``lerobot-eval`` writes.
+def mcnemar(failed: Collection[int], failed_other: Collection[int]) -> float:
+    """The p-value of the exact McNemar test (McNemar 1947), two-sided.
 
-    Raises:
-        DatasetError: the file is absent or is not lerobot-eval's.
+    Could equal success rates explain the difference between two policies that ran the same episodes?
+
+    Args:
+        failed: the episodes in which one failed, by their seeds.
+        failed_other: those in which the other did.
     """
-    try:
-        tasks = json.loads(eval_info.read_text())["per_task"]
-        successes = [bool(success) for task in tasks for success in task["metrics"]["successes"]]
-    except FileNotFoundError:
-        raise DatasetError(
-            f"no evaluation at {eval_info}; run lerobot-eval with this output folder first"
-        ) from None
-    except (json.JSONDecodeError, KeyError, TypeError) as error:
-        raise DatasetError(f"{eval_info} is not an eval_info.json of lerobot-eval: {error!r}") from error
-    return SuccessRate(sum(successes), len(successes))
+    from scipy.stats import binomtest
+
+    only_here = len(set(failed) - set(failed_other))
+    only_there = len(set(failed_other) - set(failed))
+    differing = only_here + only_there
+    return float(binomtest(only_here, differing).pvalue) if differing else 1.0

@@ -7,7 +7,7 @@ import inspect
 import logging
 import os
 
-from lerobot_act_chunking.compat import reader_misfit
+from lerobot_act_chunking.compat import reader_incompatibility
 
 SWITCH = "ACT_CHUNKING_FAST_CHUNKS"
 
@@ -24,13 +24,13 @@ def install() -> bool:
     if os.environ.get(SWITCH) == "0":
         return False
     try:
-        misfit = _misfit()
-        if misfit is None:
+        reason = _incompatibility()
+        if reason is None:
             _replace()
             return True
     except (ImportError, AttributeError) as error:
-        misfit = str(error)
-    logger.warning("fast chunks are off and LeRobot's own reader is used: %s", misfit)
+        reason = str(error)
+    logger.warning("fast chunks are off and LeRobot's own reader is used: %s", reason)
     return False
 
 
@@ -61,11 +61,11 @@ def _replace() -> None:
         factory.make_dataset, factory.resolve_delta_timestamps = make_dataset, resolve
 
 
-def _misfit() -> str | None:
+def _incompatibility() -> str | None:
     """Why fast chunks do not fit in, None if they do."""
-    misfit = reader_misfit()
-    if misfit is not None:
-        return misfit
+    reason = reader_incompatibility()
+    if reason is not None:
+        return reason
     from lerobot.datasets import factory
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
