@@ -115,7 +115,7 @@ def tremor(shape: tuple[int, int], scale: float, rng: np.random.Generator, *, pe
     filters = butter(2, _TREMOR_BAND, "bandpass", fs=1 / period, output="sos")
     response = sosfilt(filters, np.eye(1, 4 * settle)[0])
     filtered = sosfilt(filters, rng.standard_normal((settle + shape[0], shape[1])), axis=0)
-    return scale * filtered[settle:] / np.linalg.norm(response)
+    return scale / np.linalg.norm(response) * np.asarray(filtered)[settle:]
 
 
 def wandering_pace(times: np.ndarray, change: float, rng: np.random.Generator) -> np.ndarray:

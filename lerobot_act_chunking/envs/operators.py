@@ -14,6 +14,7 @@ Rests are shorter here than in those recordings, because an episode of the simul
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -79,7 +80,7 @@ class Operator:
         def varied(mean: float, spread: float) -> float:
             return mean * float(np.exp(spread * np.clip(rng.standard_normal(), -_FURTHEST, _FURTHEST)))
 
-        asked = {
+        drawn: dict[str, Any] = {
             "speed": varied(self.pace, self.pace_spread),
             "pace_change": self.pace_change,
             "dwell": varied(self.dwell, self.dwell_spread),
@@ -96,13 +97,13 @@ class Operator:
             "latency": self.latency,
             "dropped_frames": self.dropped_frames,
         }
-        return ExpertOptions(**{name: _within(value, ranges[name]) for name, value in asked.items()})
+        return ExpertOptions(**{name: _within(value, ranges[name]) for name, value in drawn.items()})
 
 
 _IDLE_SPREAD, _OVERSHOOT_SPREAD = 0.5, 0.4
 
 
-def _within(value: float, limits: tuple[float, float, str]) -> float:
+def _within(value: Any, limits: tuple[float, float, str]) -> Any:
     low, high, _ = limits
     return min(max(value, low), high)
 

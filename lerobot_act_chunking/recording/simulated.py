@@ -69,6 +69,13 @@ class SimulatedSource(ABC):
     operators: tuple[str, ...] = ()
     """Who demonstrates in turn, in place of ``expert``."""
 
+    ranges: ClassVar[Ranges] = {}
+    """What this world's expert can do."""
+    env_type: ClassVar[str]
+    """LeRobot's ``--env.type`` for this world."""
+    distributions: ClassVar[tuple[str, ...]]
+    """Further packages that the episodes depend on."""
+
     def __post_init__(self) -> None:
         self.expert.check(self.ranges)
         if self.operators and self.expert != ExpertOptions():
@@ -78,16 +85,11 @@ class SimulatedSource(ABC):
             )
         for name in self.operators:
             get_operator(name)
-
-    env_type: ClassVar[str]
-    """LeRobot's ``--env.type`` for this world."""
-    distributions: ClassVar[tuple[str, ...]]
-    """Further packages that the episodes depend on."""
-
-    @property
-    @abstractmethod
-    def ranges(self) -> Ranges:
-        """What this world's expert can do."""
+        if self.operators and not self.ranges:
+            raise ConfigurationError(
+                f"operators {', '.join(self.operators)} need an expert that says what it bears: give "
+                f"{type(self).__name__} its `ranges`, or leave out the operators"
+            )
 
     @property
     @abstractmethod

@@ -11,7 +11,7 @@ from lerobot_act_chunking.diagnostics.latent.density import Density
 from lerobot_act_chunking.diagnostics.latent.subject import Subject
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 from lerobot_act_chunking.nn.latents.gaussian import GaussianLatent
-from lerobot_act_chunking.nn.latents.make import COMPONENT_WEIGHTS
+from lerobot_act_chunking.nn.latents.spec import COMPONENT_WEIGHTS
 from lerobot_act_chunking.policies.loading import LoadedPolicy
 from lerobot_act_chunking.policies.saving import save_checkpoint
 

@@ -180,7 +180,7 @@ def script_times(
         (T,), increasing, from the first moment to the last.
     """
     script = fine_moments(span)
-    wall = (script - span[0]) / speed if np.isscalar(speed) else _elapsed(script, np.asarray(speed))
+    wall = _elapsed(script, speed) if isinstance(speed, np.ndarray) else (script - span[0]) / speed
     for moment, dwell in pauses:
         wall = wall + dwell * minimum_jerk((script - moment) / _PAUSE_WINDOW + 0.5)
     steps = np.arange(0.0, wall[-1] + 1e-9, CONTROL_PERIOD)
