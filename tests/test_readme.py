@@ -6,6 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import torch
 import yaml
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
@@ -58,6 +59,7 @@ def test_the_gate_runs_the_test_command_of_the_readme():
 @pytest.fixture
 def checkpoint(tmp_path, monkeypatch):
     """An untrained policy where README's Python looks for one."""
+    torch.manual_seed(0)  # of random policies, one in thirty happens to succeed
     config = ac.ActChunkedConfig(
         device="cpu",
         push_to_hub=False,
