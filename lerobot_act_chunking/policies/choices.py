@@ -10,7 +10,7 @@ def one_of(names: Collection[str], default: str | None) -> Any:
 
     Args:
         names: a table by name. It may grow: what counts is in it when a configuration is made.
-        default: None if the preset decides.
+        default: None if the preset decides; the command line does not take null.
     """
     return field(default=default, metadata={"custom_args": {"choices": names}})  # as draccus reads it
 

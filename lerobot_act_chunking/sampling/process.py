@@ -265,3 +265,7 @@ def _precision(like: Tensor) -> torch.dtype:
 def _spread(time: Tensor, x: Tensor) -> Tensor:
     """Times with as many dimensions as x, so that they broadcast over what they have no dimension for."""
     return time.reshape(*time.shape, *(1,) * (x.ndim - time.ndim)) if time.ndim else time
+
+
+PROCESSES: dict[str, type[Process]] = {each.name: each for each in (Flow, Diffusion, TwoStep)}
+"""The processes. What is listed here can be asked for as ``objective``."""

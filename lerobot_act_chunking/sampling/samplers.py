@@ -1,5 +1,7 @@
 """The samplers by name."""
 
+from typing import Literal, get_args
+
 import torch
 
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
@@ -12,11 +14,12 @@ from lerobot_act_chunking.sampling.two_step import TwoStepSampler
 __all__ = ["CLIP_MODES", "SAMPLERS", "SPACINGS", "Denoise", "Sampler", "check_sampler", "make_sampler"]
 
 SAMPLERS = {  # by the name of the process; the first is the usual one
-    "ddpm": ("ddim", "ddpm", "dpm++"),
     "flow": ("euler", "midpoint", "heun", "rk4"),
+    "ddpm": ("ddim", "ddpm", "dpm++"),
     "two_step": ("two_step",),
 }
-SPACINGS = ("leading", "trailing", "linspace")
+Spacing = Literal["leading", "trailing", "linspace"]
+SPACINGS = get_args(Spacing)
 CLIP_MODES = ("consistent", "lerobot")
 
 

@@ -8,7 +8,7 @@ from lerobot_act_chunking.sampling.samplers import check_sampler, make_sampler
 @pytest.mark.parametrize(
     ("process", "name", "n", "settings", "message"),
     [
-        ("ddqm", "ddim", 10, {}, "unknown process 'ddqm'; choose one of: ddpm, flow, two_step"),
+        ("ddqm", "ddim", 10, {}, "unknown process 'ddqm'; choose one of: flow, ddpm, two_step"),
         ("ddpm", "euler", 10, {}, "unknown sampler for ddpm 'euler'; choose one of: ddim, ddpm, dpm\\+\\+"),
         (
             "flow",

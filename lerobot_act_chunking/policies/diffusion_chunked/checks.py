@@ -7,17 +7,13 @@ from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.nn.denoisers.make import DENOISERS
 from lerobot_act_chunking.policies.field_checks import check_fields
 from lerobot_act_chunking.policies.multiples import check_divides, check_multiple
+from lerobot_act_chunking.sampling.process import PROCESSES
+from lerobot_act_chunking.sampling.samplers import check_sampler
 
 if TYPE_CHECKING:
     from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked import (
         DiffusionChunkedConfig,
     )
-
-PREDICTION_TYPES = {
-    "flow": ("velocity", "sample"),
-    "ddpm": ("epsilon", "v_prediction", "sample"),
-    "two_step": ("sample",),
-}
 
 MOST_HALVINGS = 9  # of a horizon, to a handful of steps
 
@@ -90,9 +86,7 @@ def _check_unet(config: "DiffusionChunkedConfig") -> None:
 
 
 def _check_sampling(config: "DiffusionChunkedConfig") -> None:
-    from lerobot_act_chunking.sampling.samplers import check_sampler
-
-    allowed = PREDICTION_TYPES[config.objective]
+    allowed = PROCESSES[config.objective].prediction_types
     if config.prediction_type not in allowed:
         raise ConfigurationError(
             f"prediction_type={config.prediction_type} does not go with objective={config.objective}: "

@@ -16,10 +16,13 @@ from lerobot_act_chunking.policies.choices import one_of
 from lerobot_act_chunking.policies.chunked_config import PRESET, ChunkedConfig
 from lerobot_act_chunking.policies.diffusion_chunked.checks import check
 from lerobot_act_chunking.policies.diffusion_chunked.presets import PRESETS, preset_values
+from lerobot_act_chunking.sampling.continuation import Jacobian, PrefixSchedule
+from lerobot_act_chunking.sampling.process import BETA_SCHEDULES, PROCESSES, TIME_DISTRIBUTIONS
+from lerobot_act_chunking.sampling.samplers import CLIP_MODES, SAMPLERS, Spacing
 
-SamplerName = Literal["euler", "midpoint", "heun", "rk4", "ddim", "ddpm", "dpm++", "two_step"]
-Spacing = Literal["leading", "trailing", "linspace"]
 WarmStart = Literal["none", "noise_hold", "sdedit", "rtc", "prefix"]
+SAMPLER_NAMES = tuple(name for names in SAMPLERS.values() for name in names)
+PREDICTION_TYPES = tuple(dict.fromkeys(name for each in PROCESSES.values() for name in each.prediction_types))
 
 
 @PreTrainedConfig.register_subclass("diffusion_chunked")
@@ -97,9 +100,9 @@ class DiffusionChunkedConfig(ChunkedConfig):
     """
 
     choices = {  # noqa: RUF012  (ClassVar in the base)
-        "objective": ("flow", "ddpm", "two_step"),
-        "prediction_type": ("velocity", "sample", "epsilon", "v_prediction"),
-        "beta_schedule": ("squaredcos_cap_v2", "linear", "scaled_linear"),
+        "objective": tuple(PROCESSES),
+        "prediction_type": PREDICTION_TYPES,
+        "beta_schedule": BETA_SCHEDULES,
     }
 
     presets = PRESETS
@@ -117,14 +120,14 @@ class DiffusionChunkedConfig(ChunkedConfig):
     beta_schedule: str = "squaredcos_cap_v2"
     beta_start: float = 0.0001
     beta_end: float = 0.02
-    time_distribution: Literal["uniform", "beta", "logit_normal"] = "beta"
+    time_distribution: str = one_of(TIME_DISTRIBUTIONS, "beta")
 
-    sampler: SamplerName = PRESET
+    sampler: str = one_of(SAMPLER_NAMES, PRESET)
     num_inference_steps: int = PRESET
     timestep_spacing: Spacing | None = None
     clip_sample: bool = PRESET
     clip_sample_range: float = 1.0
-    clip_mode: Literal["consistent", "lerobot"] = PRESET
+    clip_mode: str = one_of(CLIP_MODES, PRESET)
 
     do_mask_loss_for_padding: bool = PRESET
 
@@ -144,8 +147,8 @@ class DiffusionChunkedConfig(ChunkedConfig):
 
     warm_start: WarmStart = "none"
     prefix_steps: int = 0
-    rtc_vjp: Literal["exact", "identity"] = "identity"
-    prefix_attention_schedule: Literal["linear", "exp", "ones", "zeros"] = "exp"
+    rtc_vjp: Jacobian = "identity"
+    prefix_attention_schedule: PrefixSchedule = "exp"
     max_guidance_weight: float = 5.0
     sdedit_strength: float = 0.5
     rtc_config: RTCConfig | None = None

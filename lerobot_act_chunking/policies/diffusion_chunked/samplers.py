@@ -3,10 +3,8 @@
 from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked import (
     DiffusionChunkedConfig,
 )
-from lerobot_act_chunking.sampling.process import Diffusion, Flow, Process, TwoStep
+from lerobot_act_chunking.sampling.process import PROCESSES, Process
 from lerobot_act_chunking.sampling.samplers import Sampler, make_sampler
-
-PROCESSES = {"flow": Flow, "ddpm": Diffusion, "two_step": TwoStep}
 
 
 def make_process(config: DiffusionChunkedConfig) -> Process:
