@@ -39,7 +39,7 @@ EXECUTIONS: dict[str, dict[str, Any]] = {
     "open loop": {"execution": "open_loop", "replan_interval": None},
     "ensemble 25": {"execution": "ensemble", "replan_interval": 25},
     "ensemble 10": {"execution": "ensemble", "replan_interval": 10},
-    "ensemble 5": {"execution": "ensemble", "replan_interval": 5},
+    "adaptive 25": {"execution": "adaptive", "replan_interval": 25},
 }
 """Settings of execution, by name."""
 UNSET = {"crossfade_steps": None, "temporal_ensemble_coeff": None, "ensemble_weighting": None}

@@ -41,6 +41,7 @@ class ExpertOptions:
             executed and recorded.
         tremor: the same between 6 and 11 Hz.
         missed_grasps: how many times the fingers close on nothing before they grasp, 0 or 1.
+        one_arm_first: 1 where the second arm begins only when the first has grasped.
         latency: how much later [s] than it is recorded a command reaches the robot.
         dropped_frames: share of the control steps that the recording misses.
     """
@@ -59,6 +60,7 @@ class ExpertOptions:
     hand_noise: float = 0.0
     tremor: float = 0.0
     missed_grasps: int = 0
+    one_arm_first: int = 0
     latency: float = 0.0
     dropped_frames: float = 0.0
 

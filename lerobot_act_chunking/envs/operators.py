@@ -47,6 +47,7 @@ class Operator:
         hand_noise: slow noise of the hand, as a share of the most that the expert bears.
         tremor: fast noise of the hand, as a share of the most that the expert bears.
         miss_rate: share of the episodes with a grasp that has to be repeated.
+        one_arm_share: share of the episodes in which one arm moves after the other.
         latency: how much later [s] than it is recorded a command reaches the robot.
         dropped_frames: share of the control steps that the recording misses.
     """
@@ -66,6 +67,7 @@ class Operator:
     hand_noise: float = 0.0
     tremor: float = 0.0
     miss_rate: float = 0.0
+    one_arm_share: float = 0.0
     latency: float = 0.0
     dropped_frames: float = 0.0
 
@@ -94,6 +96,7 @@ class Operator:
             "hand_noise": self.hand_noise * ranges["hand_noise"][1],
             "tremor": self.tremor * ranges["tremor"][1],
             "missed_grasps": int(rng.random() < self.miss_rate),
+            "one_arm_first": int(rng.random() < self.one_arm_share),
             "latency": self.latency,
             "dropped_frames": self.dropped_frames,
         }
@@ -137,6 +140,18 @@ OPERATORS: Mapping[str, Operator] = {
         idle_start=0.5,
         idle_end=0.3,
         hand_noise=0.05,
+    ),
+    # One arm after the other, and waits before every contact until all is still.
+    "cautious": Operator(
+        pace=1.45,
+        pace_spread=0.04,
+        dwell=0.45,
+        dwell_after=0.2,
+        dwell_spread=0.25,
+        idle_start=0.2,
+        idle_end=0.2,
+        one_arm_share=1.0,
+        hand_noise=0.03,
     ),
     # A hand that is not calm.
     "shaky": Operator(

@@ -10,6 +10,8 @@ from lerobot_act_chunking.envs.aloha.world import CONTROL_PERIOD
 _PAUSE_WINDOW = 0.1  # stretch [s] of the script over which a pause is spread, so that nothing stops at once
 _MISSED_BY = 0.06  # height [m] above the object at which fingers close that miss it
 _RETRY = 1.2  # [s] from a missed grasp to the next
+_HEAD_START = 1.85  # [s] by which one arm begins before the other: until it has grasped
+_MEETING = 2.9  # [s] from which on the arms move to each other
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,8 @@ class Script:
         duration: length [s] at nominal pace.
         pauses: moments [s] at which a dwell is inserted.
         pauses_after: moments [s] right after a contact, or before two parts meet.
-        missing_arm: the arm that closes its fingers on nothing if a grasp is missed.
+        leading_arm: the arm that closes its fingers on nothing if a grasp is missed, and that goes first if
+            one arm moves after the other.
     """
 
     left: ArmScript
@@ -52,7 +55,22 @@ class Script:
     duration: float
     pauses: tuple[float, ...]
     pauses_after: tuple[float, ...] = ()
-    missing_arm: str = "right"
+    leading_arm: str = "right"
+
+    @property
+    def waiting_arm(self) -> str:
+        """The arm that does not lead."""
+        return "left" if self.leading_arm == "right" else "right"
+
+    @property
+    def leading(self) -> ArmScript:
+        """The script of the leading arm."""
+        return self.right if self.leading_arm == "right" else self.left
+
+    @property
+    def waiting(self) -> ArmScript:
+        """The script of the other arm."""
+        return self.left if self.leading_arm == "right" else self.right
 
     @property
     def beginning(self) -> float:
@@ -132,38 +150,64 @@ def _bump(phase: np.ndarray) -> np.ndarray:
 
 
 def miss_first_grasp(script: Script) -> Script:
-    """The script whose ``missing_arm`` closes its fingers above the object, opens them, and then grasps.
+    """The script whose ``leading_arm`` closes its fingers above the object, opens them, and then grasps.
 
     What begins after the grasp, of both arms, comes ``_RETRY`` later.
     """
-    arm: ArmScript = getattr(script, script.missing_arm)
+    arm = script.leading
     approach, descent, *_ = arm.tool
     opening, closing, *_ = arm.gripper
     x, y, z, *angles = descent.target
     too_high = replace(descent, target=(x, y, z + _MISSED_BY, *angles))
     reopening = Stroke(closing.end + 0.15, closing.end + 0.55, opening.target)
     further_down = Stroke(descent.end + 0.35, descent.end + _RETRY, descent.target)
+    after = _delayed_arm(ArmScript(arm.tool[2:], arm.gripper[1:]), _RETRY, -np.inf)
     missed = ArmScript(
-        tool=(approach, too_high, further_down, *_later(arm.tool[2:])),
-        gripper=(opening, closing, reopening, *_later(arm.gripper[1:])),
+        tool=(approach, too_high, further_down, *after.tool),
+        gripper=(opening, closing, reopening, *after.gripper),
     )
-    other = "left" if script.missing_arm == "right" else "right"
-    waiting: ArmScript = getattr(script, other)
+    waiting = _delayed_arm(script.waiting, _RETRY, descent.end - 0.1)
+    return _delayed(script, {script.leading_arm: missed, script.waiting_arm: waiting}, _RETRY, 0.0)
 
-    def after(strokes: tuple[Stroke, ...]) -> tuple[Stroke, ...]:
-        return tuple(_later((s,))[0] if s.start >= descent.end - 0.1 else s for s in strokes)
+
+def one_arm_after_the_other(script: Script) -> Script:
+    """The script in which the other arm begins only when the ``leading_arm`` has grasped.
+
+    The leading arm waits for it before the two meet.
+    """
+    leading = _delayed_arm(script.leading, _HEAD_START, _MEETING)
+    waiting = _delayed_arm(script.waiting, _HEAD_START, -np.inf)
+    arms = {script.leading_arm: leading, script.waiting_arm: waiting}
+    return _delayed(script, arms, _HEAD_START, _MEETING)
+
+
+def _delayed(script: Script, arms: dict[str, ArmScript], delay: float, after: float) -> Script:
+    """The script with these arms, and what comes ``after`` [s] later by ``delay`` [s]."""
+
+    def later(moments: tuple[float, ...]) -> tuple[float, ...]:
+        return tuple(moment + delay if moment >= after else moment for moment in moments)
 
     return replace(
         script,
-        **{script.missing_arm: missed, other: ArmScript(after(waiting.tool), after(waiting.gripper))},
-        duration=script.duration + _RETRY,
-        pauses=tuple(moment + _RETRY for moment in script.pauses),
-        pauses_after=tuple(moment + _RETRY for moment in script.pauses_after),
+        **arms,
+        duration=script.duration + delay,
+        pauses=later(script.pauses),
+        pauses_after=later(script.pauses_after),
     )
 
 
-def _later(strokes: Sequence[Stroke]) -> list[Stroke]:
-    return [replace(stroke, start=stroke.start + _RETRY, end=stroke.end + _RETRY) for stroke in strokes]
+def _delayed_arm(arm: ArmScript, delay: float, after: float) -> ArmScript:
+    """The arm whose strokes that begin ``after`` [s] come later by ``delay`` [s]."""
+
+    def later(strokes: tuple[Stroke, ...]) -> tuple[Stroke, ...]:
+        return tuple(
+            replace(stroke, start=stroke.start + delay, end=stroke.end + delay)
+            if stroke.start >= after
+            else stroke
+            for stroke in strokes
+        )
+
+    return ArmScript(later(arm.tool), later(arm.gripper))
 
 
 def script_times(

@@ -14,6 +14,7 @@ from lerobot_act_chunking.envs.aloha.experts.motion import (
     detour_of,
     fine_moments,
     miss_first_grasp,
+    one_arm_after_the_other,
     script_times,
     shift_free,
 )
@@ -53,6 +54,7 @@ RANGES: Ranges = {
     "hand_noise": (0.0, 0.05, "rad"),
     "tremor": (0.0, 0.02, "rad"),
     "missed_grasps": (0, 1, "grasps"),
+    "one_arm_first": (0, 1, "arms"),
     "latency": (0.0, 0.2, "s"),
     "dropped_frames": (0.0, 0.2, "of the control steps"),
 }
@@ -95,6 +97,8 @@ def plan(task: str, object_pose: np.ndarray, options: ExpertOptions, rng: np.ran
     script = _SCRIPTS[task](pose)
     if options.missed_grasps:
         script = miss_first_grasp(script)
+    if options.one_arm_first:
+        script = one_arm_after_the_other(script)
     times = _step_times(script, options, rng)
     left = _targets("left", script.left, times, options, rng)
     right = _targets("right", script.right, times, options, rng)
