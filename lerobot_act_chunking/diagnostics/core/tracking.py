@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from lerobot_act_chunking.diagnostics.smoothness.lag import (
+from lerobot_act_chunking.diagnostics.core.lag import (
     Lag,
     LagGroup,
     LagProducts,
@@ -11,7 +11,7 @@ from lerobot_act_chunking.diagnostics.smoothness.lag import (
     lag_products,
     made_from_states,
 )
-from lerobot_act_chunking.diagnostics.smoothness.metrics import Trajectories, UndefinedMeasureError
+from lerobot_act_chunking.diagnostics.core.trajectories import Trajectories, UndefinedMeasureError
 
 MADE_FROM_STATES = (
     "The action is the state {later} step(s) later, to the bit: nobody commanded anything (an arm moved by "
