@@ -15,10 +15,14 @@ from lerobot_act_chunking.errors import DatasetError
 def cameras_of(meta: LeRobotDatasetMetadata) -> list[str]:
     """Keys of all cameras whose pictures have a colour or a brightness, and no depth."""
     features = meta.features
-    return [key for key in meta.camera_keys if not (features[key].get("info") or {}).get("video.is_depth_map")]
+    return [
+        key for key in meta.camera_keys if not (features[key].get("info") or {}).get("video.is_depth_map")
+    ]
 
 
-def grey_frames(meta: LeRobotDatasetMetadata, key: str, episode: int, first: int, n: int) -> Iterator[np.ndarray]:
+def grey_frames(
+    meta: LeRobotDatasetMetadata, key: str, episode: int, first: int, n: int
+) -> Iterator[np.ndarray]:
     """Up to n frames (H, W) uint8 of an episode.
 
     Args:

@@ -75,7 +75,11 @@ def measure(
     """
     indices = [each.index for each in recording.episodes]
     has_states = bool(len(recording.state_names))
-    states = measure_motion(recording.states, indices, recording.fps, recording.state_names) if has_states else None
+    states = (
+        measure_motion(recording.states, indices, recording.fps, recording.state_names)
+        if has_states
+        else None
+    )
     tracking, pairs = _track(recording, actions)
     findings = Findings(
         lengths_s=[len(each) / recording.fps for each in recording.episodes],
