@@ -1,6 +1,7 @@
 """Pictures of a dataset, in shades of grey, one after the other."""
 
 from collections.abc import Iterator
+from fractions import Fraction
 from itertools import islice
 from pathlib import Path
 
@@ -40,8 +41,8 @@ def grey_frames(
         yield from islice(read(meta, key, episode, first), n)
     except Exception as error:  # whatever PyAV, Pillow and LeRobot raise on damaged files
         raise DatasetError(
-            f"the pictures of {key!r} in episode {episode} of {meta.root} cannot be read ({error!r}): restore "
-            "them, or look at the numbers alone: --cameras none"
+            f"the pictures of {key!r} in episode {episode} of {meta.root} cannot be read ({error!r}): "
+            "restore them, or look at the numbers alone: --cameras none"
         ) from error
 
 
@@ -50,8 +51,7 @@ def _of_video(meta: LeRobotDatasetMetadata, key: str, episode: int, first: int) 
     begin = row[f"videos/{key}/from_timestamp"] + first / meta.fps
     with av.open(str(Path(meta.root) / meta.get_video_file_path(episode, key))) as container:
         stream = container.streams.video[0]
-        base = stream.time_base
-        assert base is not None  # known of every stream that is read from a file
+        base = stream.time_base or Fraction(1, int(meta.fps))
         container.seek(max(0, round(begin / base) - 1), backward=True, stream=stream)
         for frame in container.decode(stream):
             if frame.pts is not None and float(frame.pts * base) > begin - 0.5 / meta.fps:

@@ -31,8 +31,8 @@ def sound(recording: Recording) -> Recording:
     kept = tuple(each for each in recording.episodes if not each.broken)
     if not kept:
         raise DatasetError(
-            f"every episode of {recording.folder} holds a NaN or an infinity in its actions or states: record "
-            "it anew, or mend these values"
+            f"every episode of {recording.folder} holds a NaN or an infinity in its actions or states: "
+            "record it anew, or mend these values"
         )
     operators = {each.index: name for each in kept if (name := recording.operators.get(each.index))}
     return Recording(

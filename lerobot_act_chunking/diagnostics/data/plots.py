@@ -18,11 +18,8 @@ def plot_report(report: DataReport, path: Path) -> Path:
 
     figure = Figure(figsize=(14, 9), layout="constrained")
     recording = report.recording
-    name = Path(recording.folder).name
-    figure.suptitle(
-        f"{name}: {len(recording.episodes)} episodes, {recording.frames} frames at {recording.fps:g} a second; "
-        f"{report.verdict}"
-    )
+    size = f"{len(recording.episodes)} episodes, {recording.frames} frames at {recording.fps:g} a second"
+    figure.suptitle(f"{Path(recording.folder).name}: {size}; {report.verdict}")
     (rests, lags), (ways, shares) = figure.subplots(2, 2)
     _draw_rests(rests, report)
     _draw_lags(lags, report)

@@ -14,8 +14,8 @@ NOBODY = (
     "--operator-column)."
 )
 COUNTED = (
-    "{columns} is the number of the frame divided by fps: at which rate frames were really taken is not in the "
-    "dataset."
+    "{columns} is the number of the frame divided by fps: at which rate frames were really taken is not in "
+    "the dataset."
 )
 UNLIKE = "{odd} demonstrations are like no others: {episodes}."
 BY_START = "Demonstrations fall into {number} groups, which the first action tells apart: no choice of ways."

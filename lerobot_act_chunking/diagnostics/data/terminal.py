@@ -48,8 +48,8 @@ def _summary(report: DataReport) -> list[str]:
     ]
     paces = found.actions.paces
     lines.append(
-        f"pace in motion: {np.median(paces):.2g} standard deviations a second, {found.pace_spread:.1f} times as "
-        "fast in the fastest tenth of the episodes as in the slowest"
+        f"pace in motion: {np.median(paces):.2g} standard deviations a second, {found.pace_spread:.1f} times "
+        "as fast in the fastest tenth of the episodes as in the slowest"
     )
     return [*lines, f"ways to do the task: {_ways(found.ways)}"]
 
@@ -69,8 +69,8 @@ def _rests(name: str, motion: Motion | None) -> list[str]:
     return [
         f"{name}: idle {rests.start_share:.1%} at the start (median {rests.start_median_s:.1f} s, longest "
         f"{rests.start_longest_s:.1f} s), {rests.end_share:.1%} at the end ({rests.end_median_s:.1f} s, "
-        f"{rests.end_longest_s:.1f} s); pauses {rests.pause_share:.1%} ({rests.pauses_per_episode:.2f} an episode, "
-        f"longest {rests.pause_longest_s:.1f} s); rows repeated {repeats.share:.1%} (longest "
+        f"{rests.end_longest_s:.1f} s); pauses {rests.pause_share:.1%} ({rests.pauses_per_episode:.2f} an "
+        f"episode, longest {rests.pause_longest_s:.1f} s); rows repeated {repeats.share:.1%} (longest "
         f"{repeats.longest_s:.1f} s); frames with jumps {motion.jump_frames}"
     ]
 

@@ -30,8 +30,8 @@ LONG_LAG_S = 0.3
 UNEVEN_PACE = 2.0
 """Factor between fast and slow episodes from which the pace is uneven."""
 DELETE = (
-    "lerobot-edit-dataset --operation.type=delete_episodes --operation.episode_indices='{episodes}' (with its "
-    "--repo_id and --root)"
+    "lerobot-edit-dataset --operation.type=delete_episodes --operation.episode_indices='{episodes}' "
+    "(with its --repo_id and --root)"
 )
 
 
@@ -83,8 +83,8 @@ def _rate(recording: Recording, found: Findings) -> list[str]:
     wrong = [each for each in found.clocks if abs(each.off(recording.fps)) > RATE_OFF]
     return [
         f"recorded at {each.rate_hz:.1f} frames a second by {each.column!r}, not at {recording.fps:g} as "
-        f"meta/info.json says: played at {recording.fps:g} everything is {abs(each.off(recording.fps)):.0%} too "
-        f"{'fast' if each.rate_hz < recording.fps else 'slow'}. Correct fps in meta/info.json and the "
+        f"meta/info.json says: played at {recording.fps:g} everything is {abs(each.off(recording.fps)):.0%} "
+        f"too {'fast' if each.rate_hz < recording.fps else 'slow'}. Correct fps in meta/info.json and the "
         f"timestamps, or run the policy at {each.rate_hz:.1f} steps a second"
         for each in wrong
     ]
@@ -117,8 +117,8 @@ def _useless_cameras(found: Findings) -> list[str]:
                 )
             elif episodes:
                 reasons.append(
-                    f"{camera.key!r} {what} in the episodes {_numbers(episodes)} of {len(camera.episodes)} that "
-                    f"were looked at: delete them: {DELETE.format(episodes=episodes)}"
+                    f"{camera.key!r} {what} in the episodes {_numbers(episodes)} of {len(camera.episodes)} "
+                    f"that were looked at: delete them: {DELETE.format(episodes=episodes)}"
                 )
     return reasons
 
@@ -140,10 +140,10 @@ def _gaps(found: Findings) -> list[str]:
 def _repeating_cameras(recording: Recording, found: Findings) -> list[str]:
     return [
         f"{each.key!r} delivers {each.repeated:.0%} of its frames twice, and so some "
-        f"{recording.fps * (1 - each.repeated):.0f} pictures a second and not {recording.fps:g}: a policy can "
-        f"do with fewer predictions, ask act-chunking resolution {recording.folder}"
+        f"{recording.fps * (1 - each.repeated):.0f} pictures a second and not {recording.fps:g}: a policy "
+        f"can do with fewer predictions, ask act-chunking resolution {recording.folder}"
         for each in found.cameras
-        if MOST_REPEATED <= each.repeated and all(part.blank < USELESS for part in each.episodes)
+        if each.repeated >= MOST_REPEATED and all(part.blank < USELESS for part in each.episodes)
     ]
 
 
@@ -171,8 +171,8 @@ def _pauses(found: Findings) -> list[str]:
         return []
     return [
         f"demonstrators pause {rests.pauses_per_episode:.2g} times an episode, for up to "
-        f"{rests.pause_longest_s:.1f} s: one observation does not say how long a pause has lasted, so let chunks "
-        f"be longer than that: --policy.horizon_s={_horizon(rests.pause_longest_s)}"
+        f"{rests.pause_longest_s:.1f} s: one observation does not say how long a pause has lasted, so let "
+        f"chunks be longer than that: --policy.horizon_s={_horizon(rests.pause_longest_s)}"
     ]
 
 
@@ -194,8 +194,8 @@ def _jumps(found: Findings) -> list[str]:
     named = listed([f"{each.name} ({len(each.jumps)})" for each in leaping])
     episode, frame = leaping[0].jumps[0]
     return [
-        f"joints jump by more than a fifth of their range within a frame: {named}, first in episode {episode} "
-        f"after frame {frame}: look there, and delete episodes in which a number and not the robot jumped"
+        f"joints jump by more than a fifth of their range within a frame: {named}, first in episode "
+        f"{episode} after frame {frame}: look there, and delete episodes in which a number and not the robot jumped"
     ]
 
 
@@ -208,8 +208,8 @@ def _at_an_end(found: Findings) -> list[str]:
     if not ends:
         return []
     return [
-        f"joints stand at exactly their least or greatest value for long: {listed(ends)}: commands were cut off "
-        "there, or the calibration is; calibrate the robot, and choose a task within its reach"
+        f"joints stand at exactly their least or greatest value for long: {listed(ends)}: commands were cut "
+        "off there, or the calibration is; calibrate the robot, and choose a task within its reach"
     ]
 
 
@@ -223,8 +223,8 @@ def _parked(found: Findings) -> list[str]:
     cure = (
         f"--policy.norm_std_floor={float(f'{1.05 * floor:.2g}'):g} keeps that small"
         if 2 * floor < least
-        else "their spread is too near that of the others for --policy.norm_std_floor, so record what does not "
-        "belong to the task at rest"
+        else "their spread is too near that of the others for --policy.norm_std_floor, so record what does "
+        "not belong to the task at rest"
     )
     return [
         f"{len(noisy)} of {len(found.actions.behaviours)} actions are parked or tremble "
@@ -236,8 +236,8 @@ def _lags(found: Findings) -> list[str]:
     tracking = found.tracking
     if tracking.note is not None:
         return [
-            f"{tracking.note} Executed, the robot stays behind such actions, and grippers do not press: record "
-            "commands as actions where there are any"
+            f"{tracking.note} Executed, the robot stays behind such actions, and grippers do not press: "
+            "record commands as actions where there are any"
         ]
     if found.longest_lag_s < LONG_LAG_S:
         return []
@@ -258,9 +258,9 @@ def _ways(found: Findings) -> list[str]:
         return []
     sizes = " + ".join(str(len(group)) for group in ways.groups)
     return [
-        f"the task is done in {ways.number} ways ({sizes} episodes) that begin alike, and their mean is none of "
-        "them: take a policy that can choose (--policy.type=diffusion_chunked or vqbet_chunked), or record one "
-        "way alone"
+        f"the task is done in {ways.number} ways ({sizes} episodes) that begin alike, and their mean is none "
+        "of them: take a policy that can choose (--policy.type=diffusion_chunked or vqbet_chunked), or record "
+        "one way alone"
     ]
 
 
@@ -268,8 +268,8 @@ def _pace(found: Findings) -> list[str]:
     if found.pace_spread < UNEVEN_PACE:
         return []
     return [
-        f"the fastest tenth of the episodes moves {found.pace_spread:.1f} times as fast as the slowest: policies "
-        "imitate the mean of both, so delete the slowest, or record them again"
+        f"the fastest tenth of the episodes moves {found.pace_spread:.1f} times as fast as the slowest: "
+        "policies imitate the mean of both, so delete the slowest, or record them again"
     ]
 
 
