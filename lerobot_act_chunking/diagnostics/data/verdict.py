@@ -195,7 +195,8 @@ def _jumps(found: Findings) -> list[str]:
     episode, frame = leaping[0].jumps[0]
     return [
         f"joints jump by more than a fifth of their range within a frame: {named}, first in episode "
-        f"{episode} after frame {frame}: look there, and delete episodes in which a number and not the robot jumped"
+        f"{episode} after frame {frame}: look there, and delete episodes in which the robot did not "
+        "really jump"
     ]
 
 
@@ -259,8 +260,8 @@ def _ways(found: Findings) -> list[str]:
     sizes = " + ".join(str(len(group)) for group in ways.groups)
     return [
         f"the task is done in {ways.number} ways ({sizes} episodes) that begin alike, and their mean is none "
-        "of them: take a policy that can choose (--policy.type=diffusion_chunked or vqbet_chunked), or record "
-        "one way alone"
+        "of them: take a policy that can choose (--policy.type=diffusion_chunked or vqbet_chunked), or "
+        "record one way alone"
     ]
 
 
