@@ -168,7 +168,7 @@ def test_noise_of_a_still_camera_is_no_motion_and_a_small_motion_is_one():
     assert compare(noisy, 0, np.ones(9, bool), FPS).still == 1.0
     small = [base.astype(np.uint8).copy() for _ in range(10)]
     for place, picture in enumerate(small):
-        picture[4:8, 4 * place : 4 * place + 4] = 255
+        picture[4:20, 5 * place : 5 * place + 16] = 255
     assert compare(small, 0, np.ones(9, bool), FPS).still == 0.0
 
 
