@@ -9,7 +9,7 @@ from lerobot_act_chunking.data.dimension_names import is_hand
 from lerobot_act_chunking.diagnostics.core.noise_floor import SWITCH, NoiseFloor
 
 OPEN, CLOSED = 2 / 3, 1 / 3
-"""Shares of a hand's range beyond which it counts as open or closed."""
+"""Shares of a hand's range in an episode beyond which it counts as open or closed."""
 
 
 @dataclass(frozen=True)
@@ -136,9 +136,14 @@ def _places(jumps: Sequence[np.ndarray], indices: Sequence[int]) -> tuple[tuple[
 
 
 def _events(episodes: Sequence[np.ndarray]) -> float:
-    """Median number of passages between the lower and the upper third of the range."""
+    """Median number of passages between the lower and the upper third of an episode's own range.
+
+    Values are shares of the whole range, of which an episode that uses less than a fifth has none.
+    """
     counts = []
     for values in episodes:
-        clear = values[(values >= OPEN) | (values <= CLOSED)]
+        share = np.ptp(values)
+        own = (values - values.min()) / share if share > SWITCH else np.zeros(1)
+        clear = own[(own >= OPEN) | (own <= CLOSED)]
         counts.append(int(np.count_nonzero(np.diff(clear >= OPEN))))
     return float(np.median(counts))

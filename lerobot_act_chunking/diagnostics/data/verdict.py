@@ -243,7 +243,7 @@ def _lags(found: Findings) -> list[str]:
     if found.longest_lag_s < LONG_LAG_S:
         return []
     slow = [
-        f"{listed(group.joints, 4)} {group.shortest_s:.2g} to {group.longest_s:.2g} s"
+        f"{listed(group.joints, 4)} {_span(f'{group.shortest_s:.2g}', f'{group.longest_s:.2g}')} s"
         for group in tracking.alike
         if group.longest_s >= LONG_LAG_S
     ]
@@ -277,6 +277,10 @@ def _pace(found: Findings) -> list[str]:
 def _horizon(seconds: float) -> str:
     """At least that long, in halves of a second."""
     return f"{max(1.0, np.ceil(2 * seconds + 0.5) / 2):g}"
+
+
+def _span(least: str, most: str) -> str:
+    return least if least == most else f"{least} to {most}"
 
 
 def _numbers(episodes: Sequence[int]) -> str:
