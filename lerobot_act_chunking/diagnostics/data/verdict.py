@@ -15,7 +15,7 @@ RATE_OFF = 0.05
 """Share by which frames may be further apart than the dataset says."""
 USELESS = 0.5
 """Share of an episode in which a camera that is blank or frozen makes it useless."""
-FROZEN_S = 1.0
+FROZEN_S = 0.25
 """How long a picture must stay unchanged while the robot moves to be frozen."""
 MOST_REPEATED = 0.1
 """Share of a camera's frames, or of the rows in motion, that may equal the one before."""

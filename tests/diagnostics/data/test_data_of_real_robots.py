@@ -87,6 +87,7 @@ def test_arms_moved_by_hand_and_two_dead_cameras():
     first, second = report.findings.cameras
     assert [each.blank for each in first.episodes] == [1.0, *[0.0] * 7]
     assert second.episodes[0].still > 0.5
+    assert sum("cam1" in reason and "is frozen" in reason for reason in report.reasons) == 1
     assert second.episodes[0].repeated == pytest.approx(0.25, abs=0.1)
     assert all(
         each.repeated == 0 and each.still < 0.2 for each in (*first.episodes[1:], *second.episodes[1:])
