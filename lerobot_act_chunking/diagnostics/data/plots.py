@@ -1,6 +1,7 @@
 """The diagnosis as a picture."""
 
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -48,7 +49,7 @@ def _draw_rests(ax: Any, report: DataReport) -> None:
     ticks = evenly(len(chosen), 10)
     ax.set_yticks(ticks, [str(recording.episodes[chosen[each]].index) for each in ticks])
     longest = max(report.findings.lengths_s)
-    ax.set(xlim=(0, 1.25 * longest), xlabel="time [s]", ylabel="episode", title="When demonstrators act")
+    ax.set(xlim=(0, 1.4 * longest), xlabel="time [s]", ylabel="episode", title="When demonstrators act")
     ax.invert_yaxis()
     ax.legend(loc="center right")
 
@@ -138,4 +139,4 @@ def _draw_ends(ax: Any, report: DataReport) -> None:
 
 def _say(ax: Any, text: str) -> None:
     ax.set_axis_off()
-    ax.text(0.5, 0.5, text, ha="center", va="center", wrap=True)
+    ax.text(0.5, 0.5, fill(text, 60), ha="center", va="center")
