@@ -182,8 +182,8 @@ def _repeated_rows(recording: Recording, found: Findings) -> list[str]:
         return []
     return [
         f"{repeats.in_motion:.0%} of the actions in motion equal the one before: they are renewed some "
-        f"{recording.fps * (1 - repeats.in_motion):.0f} times a second, so predict fewer: act-chunking "
-        f"resolution {recording.folder} says which --policy.chunk_stride is fine enough"
+        f"{recording.fps * (1 - repeats.in_motion):.0f} times a second, so predict fewer: which "
+        f"--policy.chunk_stride is fine enough says act-chunking resolution {recording.folder}"
     ]
 
 
