@@ -47,7 +47,7 @@ def grey_frames(
 
 
 def _of_video(meta: LeRobotDatasetMetadata, key: str, episode: int, first: int) -> Iterator[np.ndarray]:
-    row = meta.episodes[episode]
+    row = meta.episodes[episode]  # pyright: ignore[reportOptionalSubscript]  (there are episodes)
     begin = row[f"videos/{key}/from_timestamp"] + first / meta.fps
     with av.open(str(Path(meta.root) / meta.get_video_file_path(episode, key))) as container:
         stream = container.streams.video[0]
