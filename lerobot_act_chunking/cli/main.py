@@ -11,6 +11,7 @@ from rich.console import Console
 from lerobot_act_chunking.cli import hub
 from lerobot_act_chunking.cli.bandwidth import bandwidth_command
 from lerobot_act_chunking.cli.codebook import codebook_command
+from lerobot_act_chunking.cli.data import data_command
 from lerobot_act_chunking.cli.fit_prior import fit_prior_command, latent_command
 from lerobot_act_chunking.cli.import_checkpoint import import_command
 from lerobot_act_chunking.cli.motion import motion_command
@@ -47,6 +48,7 @@ app.command("fit-prior")(fit_prior_command)
 app.command("import")(import_command)
 app.command("wrap")(wrap_command)
 app.command("settings")(settings_command)
+app.command("data")(data_command)
 app.command("motion")(motion_command)
 app.command("smoothness")(smoothness_command)
 app.command("bandwidth")(bandwidth_command)

@@ -7,7 +7,7 @@ import numpy as np
 
 from lerobot_act_chunking.diagnostics.core.episodes import evenly
 from lerobot_act_chunking.diagnostics.core.rollouts import Rollout
-from lerobot_act_chunking.diagnostics.smoothness.metrics import Trajectories, UndefinedMeasureError
+from lerobot_act_chunking.diagnostics.core.trajectories import Trajectories, UndefinedMeasureError
 
 MAX_AGES = 24
 MAX_PAIRS = 32

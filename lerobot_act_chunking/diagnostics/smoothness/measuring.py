@@ -7,8 +7,9 @@ import numpy as np
 from lerobot_act_chunking.data.dimension_names import is_hand
 from lerobot_act_chunking.diagnostics.core.noise_floor import NoiseFloor
 from lerobot_act_chunking.diagnostics.core.rollouts import Rollout
+from lerobot_act_chunking.diagnostics.core.tracking import Tracking, track
+from lerobot_act_chunking.diagnostics.core.trajectories import UndefinedMeasureError
 from lerobot_act_chunking.diagnostics.smoothness import chunks, metrics
-from lerobot_act_chunking.diagnostics.smoothness.metrics import UndefinedMeasureError
 from lerobot_act_chunking.diagnostics.smoothness.report import (
     Curves,
     DisagreementReport,
@@ -16,7 +17,6 @@ from lerobot_act_chunking.diagnostics.smoothness.report import (
     SignalReport,
     SmoothnessReport,
 )
-from lerobot_act_chunking.diagnostics.smoothness.tracking import Tracking, track
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
 from lerobot_act_chunking.errors import DatasetError, FeatureError
 

@@ -10,6 +10,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy import ndimage, signal
 
+from lerobot_act_chunking.diagnostics.core.trajectories import JITTER_HZ, Trajectories, UndefinedMeasureError
+
 IDLE_SPEED = 0.02
 """Share of the peak speed below which a joint or an arm counts as standing still."""
 IDLE_SECONDS = 0.2
@@ -17,15 +19,8 @@ IDLE_SECONDS = 0.2
 SPARC_MAX_HZ = 10.0
 SPARC_THRESHOLD = 0.05
 SPARC_PADDING = 4
-HIGH_FREQUENCY_HZ = 5.0
 SPECTRUM_SECONDS = 2.56
 """Length of the windows whose spectra are averaged: a resolution of 0.4 Hz."""
-
-Trajectories = Sequence[np.ndarray]
-
-
-class UndefinedMeasureError(ValueError):
-    """The data do not define this measure; the message says why."""
 
 
 def speed(trajectory: np.ndarray, dt: float) -> np.ndarray:
@@ -117,11 +112,11 @@ def high_frequency_share(frequencies: np.ndarray, power: np.ndarray) -> float:
     Raises:
         UndefinedMeasureError: nothing moves, or the control rate does not reach beyond 5 Hz.
     """
-    if frequencies[-1] <= HIGH_FREQUENCY_HZ:
-        raise UndefinedMeasureError(f"the control rate shows no frequency above {HIGH_FREQUENCY_HZ:g} Hz")
+    if frequencies[-1] <= JITTER_HZ:
+        raise UndefinedMeasureError(f"the control rate shows no frequency above {JITTER_HZ:g} Hz")
     if not power.any():
         raise UndefinedMeasureError("nothing moves")
-    return float(power[frequencies > HIGH_FREQUENCY_HZ].sum() / power.sum())
+    return float(power[frequencies > JITTER_HZ].sum() / power.sum())
 
 
 def per_episode(

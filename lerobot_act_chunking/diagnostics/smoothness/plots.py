@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from lerobot_act_chunking.diagnostics.core.trajectories import JITTER_HZ
 from lerobot_act_chunking.diagnostics.smoothness.chunks import PROFILE_STEPS
-from lerobot_act_chunking.diagnostics.smoothness.metrics import HIGH_FREQUENCY_HZ
 from lerobot_act_chunking.diagnostics.smoothness.report import SmoothnessComparison, SmoothnessReport
 
 _DECADES = 8  # of power below the largest that are drawn
@@ -62,7 +62,7 @@ def _draw_spectra(ax: Any, reports: Sequence[SmoothnessReport], colors: Sequence
         if curves.achieved_power is not None:
             ax.semilogy(curves.frequencies_hz, curves.achieved_power, color=color, linestyle=":")
         largest = max(largest, *curves.commanded_power)
-    ax.axvline(HIGH_FREQUENCY_HZ, color="0.6", linewidth=0.8, linestyle="--")
+    ax.axvline(JITTER_HZ, color="0.6", linewidth=0.8, linestyle="--")
     ax.set(
         title="Spectrum of the velocity (dotted: achieved)",
         xlabel="frequency [Hz]",

@@ -3,8 +3,8 @@
 from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar
 
+from lerobot_act_chunking.diagnostics.core.lag import LagGroup
 from lerobot_act_chunking.diagnostics.core.report import Judgement, Report
-from lerobot_act_chunking.diagnostics.smoothness.lag import LagGroup
 from lerobot_act_chunking.diagnostics.smoothness.settings import Settings
 
 

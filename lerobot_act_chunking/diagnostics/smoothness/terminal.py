@@ -6,8 +6,8 @@ from rich.console import Console
 from rich.table import Table
 
 from lerobot_act_chunking.data.dimension_names import is_hand
+from lerobot_act_chunking.diagnostics.core.lag import LagGroup
 from lerobot_act_chunking.diagnostics.core.noise_floor import listed
-from lerobot_act_chunking.diagnostics.smoothness.lag import LagGroup
 from lerobot_act_chunking.diagnostics.smoothness.report import (
     MotionMeasures,
     SmoothnessComparison,

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from lerobot_act_chunking.diagnostics.core.rollouts import Inference, Rollout
+from lerobot_act_chunking.diagnostics.core.trajectories import UndefinedMeasureError
 from lerobot_act_chunking.diagnostics.smoothness.chunks import (
     boundary_profile,
     boundary_ratio,
@@ -11,7 +12,6 @@ from lerobot_act_chunking.diagnostics.smoothness.chunks import (
     boundary_to_plan_ratio,
     disagreement,
 )
-from lerobot_act_chunking.diagnostics.smoothness.metrics import UndefinedMeasureError
 
 A, CHUNK = 4, 12
 SCALE = np.array([1.0, 2.0, 0.5, 4.0])

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from lerobot_act_chunking.diagnostics.smoothness.lag import lag_products
+from lerobot_act_chunking.diagnostics.core.lag import lag_products
+from lerobot_act_chunking.diagnostics.core.trajectories import UndefinedMeasureError
 from lerobot_act_chunking.diagnostics.smoothness.metrics import (
-    UndefinedMeasureError,
     high_frequency_share,
     log_dimensionless_jerk,
     median,

@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from lerobot_act_chunking.diagnostics.smoothness.lag import (
+from lerobot_act_chunking.diagnostics.core.lag import (
+    MAX_LAG_SECONDS,
     Lag,
     LagGroup,
     LagProducts,
@@ -11,7 +12,7 @@ from lerobot_act_chunking.diagnostics.smoothness.lag import (
     lag_products,
     made_from_states,
 )
-from lerobot_act_chunking.diagnostics.smoothness.metrics import Trajectories, UndefinedMeasureError
+from lerobot_act_chunking.diagnostics.core.trajectories import Trajectories, UndefinedMeasureError
 
 MADE_FROM_STATES = (
     "The action is the state {later} step(s) later, to the bit: nobody commanded anything (an arm moved by "
@@ -45,6 +46,7 @@ def track(
     names: Sequence[str],
     groups: dict[str, list[int]],
     moving: Sequence[int],
+    reach_s: float = MAX_LAG_SECONDS,
 ) -> Tracking:
     """Measure every lag.
 
@@ -55,13 +57,14 @@ def track(
         names: of the A dimensions.
         groups: dimensions by the group's name.
         moving: dimensions that move; the others have no lag.
+        reach_s: longest lag to look for [s]; half of the longest episode at most.
     """
     later = made_from_states(commands, positions, moving) if len(positions) else None
     if not len(positions) or later is not None:
         note = None if later is None else MADE_FROM_STATES.format(later=later)
         undefined = {} if note is None else dict.fromkeys((*names, *groups), note)
         return Tracking(dict.fromkeys(names), dict.fromkeys(groups), undefined=undefined, note=note)
-    products = lag_products(commands, positions, dt)
+    products = lag_products(commands, positions, dt, reach_s)
     undefined: dict[str, str] = {}
     joints = {
         name: _lag(products, [dim], name, undefined) if dim in moving else None

@@ -7,14 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from lerobot_act_chunking.diagnostics.smoothness.metrics import (
-    HIGH_FREQUENCY_HZ,
-    Trajectories,
-    UndefinedMeasureError,
-)
+from lerobot_act_chunking.diagnostics.core.trajectories import JITTER_HZ, Trajectories, UndefinedMeasureError
 
 MAX_LAG_SECONDS = 2.0
-"""Delays up to here are looked for, as far as half an episode allows."""
+"""Delays up to here are looked for unless told otherwise, as far as half an episode allows."""
 BEFORE_SECONDS = 0.5
 """How far the motion may be before the command; then it is no answer to it."""
 LEAST_CORRELATION = 0.5
@@ -100,12 +96,21 @@ class LagProducts:
         return (self.first + len(self.products) - 1) * self.dt
 
 
-def lag_products(commands: Trajectories, positions: Trajectories, dt: float) -> LagProducts:
-    """What `LagProducts.lag` needs, over all episodes."""
+def lag_products(
+    commands: Trajectories, positions: Trajectories, dt: float, reach_s: float = MAX_LAG_SECONDS
+) -> LagProducts:
+    """What `LagProducts.lag` needs, over all episodes.
+
+    Args:
+        commands: ``(T, D)`` each.
+        positions: the same of what the robot did.
+        dt: control period [s].
+        reach_s: longest delay to look for [s].
+    """
     longest = max(len(command) for command in commands)
-    most = max(2, min(int(MAX_LAG_SECONDS / dt), longest // 2))
+    most = max(2, int(min(reach_s / dt, longest // 2)))
     first = -min(max(2, int(BEFORE_SECONDS / dt)), most)
-    sigma = GAUSSIAN_CUTOFF / HIGH_FREQUENCY_HZ / dt
+    sigma = GAUSSIAN_CUTOFF / JITTER_HZ / dt
     sums = np.zeros((3, most - first + 1, commands[0].shape[1]))
     auto = np.zeros((2, most + 1, commands[0].shape[1]))
     samples = 0
