@@ -34,8 +34,9 @@ VARIANTS = {
 }
 """Policies as they come, by type and training steps."""
 EXECUTIONS: dict[str, dict[str, Any]] = {
-    "crossfade 25": {"execution": "crossfade", "replan_interval": 25, "crossfade_steps": 10},
-    "crossfade 50": {"execution": "crossfade", "replan_interval": 50, "crossfade_steps": 10},
+    "crossfade 25 over 50": {"execution": "crossfade", "replan_interval": 25, "crossfade_steps": 50},
+    "crossfade 25 over 10": {"execution": "crossfade", "replan_interval": 25, "crossfade_steps": 10},
+    "crossfade 50 over 10": {"execution": "crossfade", "replan_interval": 50, "crossfade_steps": 10},
     "open loop": {"execution": "open_loop", "replan_interval": None},
     "ensemble 25": {"execution": "ensemble", "replan_interval": 25},
     "ensemble 10": {"execution": "ensemble", "replan_interval": 10},

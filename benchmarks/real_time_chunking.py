@@ -39,7 +39,7 @@ DELAYS = (0, 1, 2, 3, 4, 10)
 N_ACTION_STEPS, REPLAN_INTERVAL = 50, 25
 METHODS: dict[str, dict[str, Any]] = {
     "naive": {},
-    "crossfade": {"execution": "crossfade"},
+    "crossfade": {"execution": "crossfade", "crossfade_steps": 10},
     "rtc exact": {"warm_start": "rtc", "rtc_vjp": "exact"},
     "rtc identity": {"warm_start": "rtc", "rtc_vjp": "identity"},
     "prefix": {"warm_start": "prefix"},

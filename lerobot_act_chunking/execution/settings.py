@@ -56,7 +56,8 @@ class ExecutionSettings:
         temporal_ensemble_coeff: m >= 0 [1 / control step], how fast weights change with age.
         ensemble_weighting: weight of a prediction made j steps ago: ``act`` exp(m j), the oldest weighs most,
             as in ACT and LeRobot; ``recency`` exp(-m j), the newest weighs most; ``uniform`` 1.
-        crossfade_steps: length of the blend [control steps]; by default what fits, up to 10.
+        crossfade_steps: length of the blend [control steps]; by default half of ``n_action_steps``, or what
+            fits.
         adaptive_kernel: ``cosine`` (CogACT, Li et al. 2024, on changes instead of absolute targets),
             ``gaussian``, or ``gate``, which drops chunks far from the newest, and all after a disturbance.
         adaptive_scale: sharpness of the cosine kernel, width of the other two in median disagreements.
@@ -100,7 +101,7 @@ class ExecutionSettings:
             values["temporal_ensemble_coeff"] = 0.0 if weighting == "uniform" else DEFAULT_COEFF
         if self.execution == "crossfade":
             overlap = used - (self.replan_interval or interval) - self.latency_steps
-            values["crossfade_steps"] = min(10, overlap)
+            values["crossfade_steps"] = min(max(1, used // 2), overlap)
         if self.execution == "adaptive":
             values["adaptive_kernel"] = self.adaptive_kernel or "gate"
             values["adaptive_scale"] = DEFAULT_SCALE[self.adaptive_kernel or "gate"]

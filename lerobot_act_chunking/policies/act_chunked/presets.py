@@ -96,7 +96,7 @@ def _paper() -> dict[str, Any]:
 def _base() -> dict[str, Any]:
     return {
         "normalization_mapping": _mean_std("VISUAL", "STATE", "ENV", "ACTION"),
-        "execution": "ensemble",
+        "execution": "crossfade",
         "actions_per_query": 10,
         "pre_norm": True,
         "dim_model": 256,

@@ -43,7 +43,7 @@ def _base(objective: str, pretrained: bool) -> dict[str, Any]:
         "horizon": 100,
         "chunk_stride": 1,
         "align": "current",
-        "execution": "ensemble",
+        "execution": "crossfade",
         "normalization_mapping": {**_mean_std("VISUAL", "STATE", "ENV"), "ACTION": actions},
         "norm_std_floor": 1e-2,
         "clip_sample": objective == "ddpm",

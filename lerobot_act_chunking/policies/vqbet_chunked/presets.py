@@ -36,7 +36,7 @@ def _base(bounded: bool, pretrained: bool) -> dict[str, Any]:
         "n_action_pred_token": 1,
         "chunk_size": 50,
         "chunk_stride": 1,
-        "execution": "ensemble",
+        "execution": "crossfade",
         "normalization_mapping": {**mean_std, "ACTION": actions},
         "norm_std_floor": 1e-2,
         "backbone_norm": "frozen_batch" if pretrained else "group",
