@@ -1,4 +1,4 @@
-"""Single environments of any LeRobot environment, with what ``lerobot-eval`` puts between them and a policy."""
+"""Single environments of any LeRobot environment, and what lies between them and a policy."""
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -61,7 +61,9 @@ def open_worlds(env_config: EnvConfig, n: int, policy_config: Any) -> Worlds:
         return Worlds(envs, env_config.episode_length)
     envs = _made_by_lerobot(env_config, n)
     length = getattr(env_config, "episode_length", None) or envs[0].get_wrapper_attr("_max_episode_steps")
-    before, after = make_env_pre_post_processors(env_config, getattr(policy_config, "inner_config", policy_config))
+    before, after = make_env_pre_post_processors(
+        env_config, getattr(policy_config, "inner_config", policy_config)
+    )
     return Worlds(
         envs=envs,
         episode_length=length,

@@ -101,4 +101,9 @@ def _grid(chunk: int, steps: int | None) -> Iterator[dict[str, Any]]:
         return
     for other in FEWER_STEPS:
         for interval in intervals[1:]:
-            yield {"execution": "crossfade", "n_action_steps": chunk, "replan_interval": interval, STEPS: other}
+            yield {
+                "execution": "crossfade",
+                "n_action_steps": chunk,
+                "replan_interval": interval,
+                STEPS: other,
+            }

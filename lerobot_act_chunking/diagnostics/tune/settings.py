@@ -53,7 +53,7 @@ class Settings:
         named = [name for name, value in given.items() if value is not None]
         if len(named) != 1:
             raise ConfigurationError(
-                f"tune measures by one of --task, --env-type and --dataset, got {' and '.join(named) or 'none'}: "
+                f"tune measures by --task, --env-type or --dataset, got {' and '.join(named) or 'none'}: "
                 "give --task (as insertion or FetchPush-v4), --env-type (of LeRobot or a plug-in), or, "
                 "without a simulation, --dataset <folder>"
             )

@@ -91,7 +91,7 @@ def _candidate(config: Any, values: dict[str, Any]) -> Candidate:
 
 
 def _denoises(config: Any) -> bool:
-    """Whether acting reads the number of denoising steps from the configuration; LeRobot's policies do not."""
+    """Whether acting reads the number of denoising steps from the configuration; LeRobot's do not."""
     own = isinstance(config, ChunkedConfig) and STEPS in {each.name for each in fields(config)}
     return own and getattr(config, STEPS) is not None
 
