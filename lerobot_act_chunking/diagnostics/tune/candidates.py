@@ -46,10 +46,10 @@ class Candidate:
         if settings.execution in ("ensemble", "adaptive"):
             words.append(f"{settings.ensemble_weighting}")
         if settings.execution != "open_loop":
-            words.append(f"every {settings.replan_interval}")
-        words.append(f"of {settings.n_action_steps}")
+            words.append(f"R={settings.replan_interval}")
+        words.append(f"n={settings.n_action_steps}")
         if self.denoising_steps is not None:
-            words.append(f"with {self.denoising_steps} steps")
+            words.append(f"steps={self.denoising_steps}")
         return " ".join(words)
 
     @property

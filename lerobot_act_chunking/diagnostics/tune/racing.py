@@ -12,6 +12,8 @@ FIRST_ROUND = 25
 """Episodes of the first round; each further one doubles them."""
 ALPHA = 0.05
 """Chance of ever dropping a candidate that is as good as the leader; split over candidates and rounds."""
+GOOD = 0.9
+"""What the present settings must reach: this success for sure, or this share of the leader's."""
 
 
 @dataclass(frozen=True)
@@ -36,25 +38,27 @@ class Race[C: Hashable]:
         level: below which p-value one comparison counts.
         results: successes of each candidate, by episode; all begin with the same seed.
         dropped: the round, from 1 on, after which a candidate was given up.
-        complete: whether all episodes that were planned were run.
+        settled: whether the present settings are so good that the others were not tried.
+        complete: whether there was time for all that was planned.
     """
 
     candidates: Sequence[C]
     level: float
     results: dict[C, list[bool]] = field(default_factory=dict)
     dropped: dict[C, int] = field(default_factory=dict)
+    settled: bool = False
     complete: bool = True
 
     @property
     def running(self) -> list[C]:
-        """Those that were measured and not given up, the best first; of equals the one that came first."""
-        alive = [each for each in self.candidates if self.results.get(each) and each not in self.dropped]
-        most = max((len(self.results[each]) for each in alive), default=0)
-        return sorted(alive, key=lambda each: (len(self.results[each]) < most, -self.rate(each).rate))
+        """Those that were measured and not given up, the best on the episodes that all of them ran first."""
+        alive = [each for each in self.candidates if self.results[each] and each not in self.dropped]
+        common = min((len(self.results[each]) for each in alive), default=0)
+        return sorted(alive, key=lambda each: (-sum(self.results[each][:common]), -self.rate(each).rate))
 
     @property
     def leader(self) -> C:
-        """The best of those with most episodes."""
+        """The best of them."""
         return self.running[0]
 
     @property
@@ -97,7 +101,8 @@ def rounds_up_to(episodes: int) -> list[int]:
 def race[C: Hashable](candidates: Sequence[C], evaluate: Evaluate[C], episodes: int) -> Race[C]:
     """Run the candidates against each other until one is left, or all episodes are run.
 
-    After each round, those that are worse than the leader are given up, at most the worse half at a time.
+    The present settings run two rounds first: where they nearly always succeed there is nothing to search
+    for. After each round those that are worse than the leader are given up, at most the worse half at once.
 
     Args:
         candidates: different ones, the present settings first.
@@ -107,19 +112,28 @@ def race[C: Hashable](candidates: Sequence[C], evaluate: Evaluate[C], episodes: 
     rounds = rounds_up_to(episodes)
     found = Race(candidates, ALPHA / max(1, len(candidates) - 1) / len(rounds))
     found.results.update({each: [] for each in candidates})
-    contenders, start = list(candidates), 0
-    for number, total in enumerate(rounds, 1):
-        cells = [Cell(each, start, total - start) for each in contenders]
-        for cell, successes in evaluate(cells):
-            found.results[cell.candidate].extend(successes)
-        if any(len(found.results[each]) < total for each in contenders):
-            found.complete = False
-            return found
-        _drop(found, number)
-        contenders, start = found.running, total
-        if len(contenders) == 1:
-            return found
+    spans = [(start, total - start) for start, total in zip([0, *rounds], rounds, strict=False)]
+    found.complete = _run(found, [Cell(candidates[0], *span) for span in spans[:2]], evaluate)
+    found.settled = found.complete and found.rate(candidates[0]).interval[0] >= GOOD
+    contenders = list(candidates)
+    for number, (start, n) in enumerate(spans, 1):
+        if not found.complete or found.settled or len(contenders) == 1:
+            break
+        cells = [Cell(each, start, n) for each in contenders if len(found.results[each]) == start]
+        found.complete = _run(found, cells, evaluate)
+        if found.complete:
+            _drop(found, number)
+            contenders = found.running
     return found
+
+
+def _run[C: Hashable](found: Race[C], cells: list[Cell[C]], evaluate: Evaluate[C]) -> bool:
+    """Take in what these cells give; whether all did."""
+    outcomes = sorted(evaluate(cells), key=lambda outcome: outcome[0].start)
+    for cell, successes in outcomes:
+        if cell.start == len(found.results[cell.candidate]):
+            found.results[cell.candidate].extend(successes)
+    return len(outcomes) == len(cells)
 
 
 def _drop(found: Race, number: int) -> None:

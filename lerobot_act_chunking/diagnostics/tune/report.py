@@ -52,7 +52,7 @@ class TuneReport(Report):
 
     @property
     def flags(self) -> str:
-        """The options that make the choice for one run of a LeRobot command; none for the present settings."""
+        """The options that make the choice for one run of any command; none for the present settings."""
         return " ".join(change.flag for change in self.changes)
 
     def content(self) -> dict[str, Any]:

@@ -24,13 +24,13 @@ def print_report(report: TuneReport, console: Console) -> None:
 
 
 def _race_table(report: TuneReport, race: Race[Candidate]) -> Table:
-    table = table_of("candidate", "successes", "%", "95 % interval", "calls/s", "")
+    table = table_of("candidate", "successes", "95 % interval", "calls/s", "")
     order = [*race.running, *sorted(race.dropped, key=lambda each: -race.rate(each).rate)]
     for candidate in order:
         rate = race.rate(candidate)
         given_up = race.dropped.get(candidate)
-        state = "" if given_up is None else f"given up after round {given_up}"
-        counted = (f"{rate.successes}/{rate.episodes}", f"{100 * rate.rate:.0f}", rate.percent)
+        state = "" if given_up is None else f"out after round {given_up}"
+        counted = (f"{rate.successes}/{rate.episodes}", rate.percent)
         table.add_row(_name(report, candidate), *counted, _calls(report, candidate), state)
     return table
 
@@ -60,8 +60,8 @@ def _how(report: TuneReport) -> str:
         return SEEN if report.seen_in_training else "At the observations of episodes not known from training."
     seed = report.requested.seed
     return (
-        f"{report.race.n_episodes} episodes in {report.minutes:.1f} minutes, all candidates on the same seeds "
-        f"from {seed} on: evaluate the choice on others, as lerobot-eval --seed=1000"
+        f"{report.race.n_episodes} episodes in {report.minutes:.1f} minutes, all candidates on the same "
+        f"seeds from {seed} on: evaluate the choice on others, as lerobot-eval --seed=1000"
     )
 
 

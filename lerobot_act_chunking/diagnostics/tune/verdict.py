@@ -5,13 +5,11 @@ from dataclasses import dataclass
 
 from lerobot_act_chunking.diagnostics.core.report import Judgement
 from lerobot_act_chunking.diagnostics.tune.candidates import Candidate
-from lerobot_act_chunking.diagnostics.tune.racing import ALPHA, Race
+from lerobot_act_chunking.diagnostics.tune.racing import ALPHA, GOOD, Race
 from lerobot_act_chunking.diagnostics.tune.replay import Replay
 
 AS_GOOD = 0.95
 """Share of the leader's successes from which on a candidate with fewer network calls is preferred."""
-MATTERS = 0.9
-"""Share of the leader's successes below which the present settings are not called good."""
 SINGLE = 0.05
 """Level of one comparison: what falls below it does not pass for as good as the leader."""
 SAME_DISTANCE = 1.02
@@ -46,6 +44,9 @@ def judge_race(race: Race[Candidate], calls: Calls) -> TuneJudgement:
         calls: of a candidate.
     """
     present = race.candidates[0]
+    if race.settled:
+        good = f"the present settings nearly always succeed ({race.rate(present)}): no search is worth it"
+        return TuneJudgement("pass", [good], present)
     untried = [each for each in race.candidates if not race.results[each]]
     if not race.running or not any(map(any, race.results.values())):
         return TuneJudgement("inconclusive", [_never(race)], present)
@@ -57,7 +58,7 @@ def judge_race(race: Race[Candidate], calls: Calls) -> TuneJudgement:
         chosen = _cheapest(race, leader, calls)
         return TuneJudgement("warn", [_better(race, chosen, present), *notes], chosen)
     ours, best = race.both(present, leader)
-    if ours < MATTERS * best:
+    if ours < GOOD * best:
         return TuneJudgement("inconclusive", [_unsure(race, leader, present), *notes], present)
     if untried:
         return TuneJudgement("inconclusive", notes, present)
