@@ -28,8 +28,8 @@ def reports_of(instrument):
     return typing.get_args(returned) or (returned,)
 
 
-def test_there_are_six():
-    assert INSTRUMENTS == ["bandwidth", "codebook", "latent", "resolution", "smoothness", "steps"]
+def test_there_are_seven():
+    assert INSTRUMENTS == ["bandwidth", "codebook", "latent", "resolution", "smoothness", "steps", "tune"]
 
 
 @pytest.mark.parametrize("instrument", INSTRUMENTS)
