@@ -69,13 +69,12 @@ def test_distance_and_jumps_of_a_planted_policy():
     lengths = (12, 6)
     demonstrated = {at: np.arange(length, dtype=float)[:, None] for at, length in enumerate(lengths)}
     batches = [{"t": torch.tensor([float(min(t, n - 1)) for n in lengths])} for t in range(max(lengths))]
-    held_out = HeldOut(
-        ActionEpisodes("", FPS, ["x"], demonstrated), np.array([2.0]), False, lambda: iter(batches)
-    )
+    episodes = ActionEpisodes("", FPS, ["x"], demonstrated)
+    held_out = HeldOut(episodes, np.array([2.0]), False, lambda: iter(batches))
     policy = LoadedPolicy(Biased(), lambda batch: batch, lambda actions: actions)
     executed = settings(execution="receding", replan_interval=4)
     found = replay(policy, Candidate((("execution_settings", executed),), executed), held_out)
-    # Chunk i is off by i; the first covers steps 0 to 3 of both, the second is in use from 4 on, the third from 8.
+    # Chunk i is off by i; the first covers steps 0 to 3, the second 4 to 7, the third 8 to 11.
     expected = np.array([1] * 4 + [2] * 4 + [3] * 4 + [1] * 4 + [2] * 2) / 2.0
     assert found.distance == pytest.approx(expected.mean())
     assert found.jump == pytest.approx(0.5)

@@ -13,7 +13,7 @@ SETTINGS = ExecutionSettings(chunk_size=8)
 CANDIDATES = [Candidate((("n_action_steps", n),), SETTINGS) for n in range(1, 6)]
 
 
-class Stopped(Exception):
+class StoppedError(Exception):
     pass
 
 
@@ -23,7 +23,7 @@ def evaluator(run, most=None):
     def evaluate(cells):
         for cell in cells:
             if most is not None and len(run) >= most:
-                raise Stopped
+                raise StoppedError
             run.append(cell)
             (_, n), *_ = cell.candidate.values
             yield cell, [at % 7 < n for at in range(cell.start, cell.start + cell.n)]
@@ -34,7 +34,7 @@ def evaluator(run, most=None):
 def test_a_stopped_race_goes_on_to_the_same_result(tmp_path):
     whole, before, after = [], [], []
     expected = race(CANDIDATES, evaluator(whole), 100)
-    with pytest.raises(Stopped):
+    with pytest.raises(StoppedError):
         race(CANDIDATES, Store(QUESTION, tmp_path).remembering(evaluator(before, most=4)), 100)
     found = race(CANDIDATES, Store(QUESTION, tmp_path).remembering(evaluator(after)), 100)
     assert (found.results, found.dropped) == (expected.results, expected.dropped)
