@@ -59,9 +59,10 @@ def _how(report: TuneReport) -> str:
     if report.race is None:
         return SEEN if report.seen_in_training else "At the observations of episodes not known from training."
     seed = report.requested.seed
+    ended = "" if report.race.complete else " (time ended before all that were planned)"
     return (
-        f"{report.race.n_episodes} episodes in {report.minutes:.1f} minutes, all candidates on the same "
-        f"seeds from {seed} on: evaluate the choice on others, as lerobot-eval --seed=1000"
+        f"{report.race.n_episodes} episodes in {report.minutes:.1f} minutes{ended}, all candidates on the "
+        f"same seeds from {seed} on: evaluate the choice on others, as lerobot-eval --seed=1000"
     )
 
 

@@ -48,10 +48,10 @@ def judge_race(race: Race[Candidate], calls: Calls) -> TuneJudgement:
         good = f"the present settings nearly always succeed ({race.rate(present)}): no search is worth it"
         return TuneJudgement("pass", [good], present)
     untried = [each for each in race.candidates if not race.results[each]]
-    if not race.running or not any(map(any, race.results.values())):
-        return TuneJudgement("inconclusive", [_never(race)], present)
     if present in untried:
         return TuneJudgement("inconclusive", [_untried(untried)], present)
+    if not any(map(any, race.results.values())):
+        return TuneJudgement("inconclusive", [_never(race)], present)
     leader = race.leader
     notes = [_untried(untried)] if untried else []
     if present in race.dropped or race.is_worse(present, leader):
