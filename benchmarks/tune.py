@@ -3,7 +3,7 @@
 Sets the execution of a trained checkpoint badly (a copy of it), tunes that, and then evaluates on seeds that
 tuning did not see: the bad settings, the choice, and every candidate, of which the best is the yardstick.
 
-    python benchmarks/tune.py CHECKPOINT --task insertion --bad '{"execution": "ensemble", "replan_interval": 1}'
+    python benchmarks/tune.py CHECKPOINT --task insertion --bad '{"execution": "open_loop"}'
 """
 
 import argparse
