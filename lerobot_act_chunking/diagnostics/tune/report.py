@@ -52,8 +52,8 @@ class TuneReport(Report):
 
     @property
     def flags(self) -> str:
-        """The options that make the choice for one run of any command; none for the present settings."""
-        return " ".join(change.flag for change in self.changes)
+        """The options that make the choice for one run; none for the present settings, or if it takes a wrapper."""
+        return "" if self.wrap else " ".join(change.flag for change in self.changes)
 
     def content(self) -> dict[str, Any]:
         """Plain numbers, strings, lists and dictionaries; None for what was not or cannot be measured."""

@@ -37,7 +37,7 @@ class Store:
             return {}
         try:
             content = json.loads(file.read_text())
-            question, outcomes = content["question"], dict[str, str](content["outcomes"])
+            question, outcomes = dict(content["question"]), dict[str, str](content["outcomes"])
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise ConfigurationError(
                 f"{file} cannot be read ({error!r}): remove it, or choose another --output-dir"
