@@ -52,7 +52,7 @@ class TuneReport(Report):
 
     @property
     def flags(self) -> str:
-        """The options that make the choice for one run; none for the present settings, or if it takes a wrapper."""
+        """The options that make the choice for one run; none if nothing changes, or if it takes a wrapper."""
         return "" if self.wrap else " ".join(change.flag for change in self.changes)
 
     def content(self) -> dict[str, Any]:
