@@ -30,7 +30,7 @@ class Line(gym.Env):
 
     observation_space = gym.spaces.Dict({"agent_pos": gym.spaces.Box(-9, 9, (2,), np.float64)})
     action_space = gym.spaces.Box(-1, 1, (2,), np.float32)
-    task = "go on"
+    task = task_description = "go on"
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
