@@ -22,6 +22,7 @@ from lerobot_act_chunking.cli.settings import settings_command
 from lerobot_act_chunking.cli.smoothness import smoothness_command
 from lerobot_act_chunking.cli.steps import steps_command
 from lerobot_act_chunking.cli.train_tokenizer import train_tokenizer_command
+from lerobot_act_chunking.cli.tune import tune_command
 from lerobot_act_chunking.cli.wrap import wrap_command
 from lerobot_act_chunking.errors import ActChunkingError
 
@@ -47,6 +48,7 @@ app.command("train-tokenizer")(train_tokenizer_command)
 app.command("fit-prior")(fit_prior_command)
 app.command("import")(import_command)
 app.command("wrap")(wrap_command)
+app.command("tune")(tune_command)
 app.command("settings")(settings_command)
 app.command("data")(data_command)
 app.command("motion")(motion_command)

@@ -10,15 +10,15 @@ from dataclasses import dataclass, field
 from inspect import signature
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import torch
+from lerobot.envs.configs import EnvConfig
 from lerobot.envs.utils import preprocess_observation
 from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor
 
 from lerobot_act_chunking.compat import action_of
-from lerobot_act_chunking.diagnostics.core.environments import EnvironmentConfig
+from lerobot_act_chunking.diagnostics.core.worlds import Worlds, open_worlds, succeeded, task_description
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.executor import ChunkExecutor
@@ -69,7 +69,7 @@ class Rollout:
 
 def roll_out(
     policy: LoadedPolicy,
-    env_config: EnvironmentConfig,
+    env_config: EnvConfig,
     seeds: Sequence[int],
     *,
     n_envs: int = 50,
@@ -85,7 +85,7 @@ def roll_out(
 
     Args:
         policy: any LeRobot policy with its processors.
-        env_config: the environment; `environment_for` gives the one a policy was trained on.
+        env_config: any of LeRobot's; `environment_for` gives the one of this package a policy was trained on.
         seeds: one per episode.
         n_envs: episodes that run together.
         log_chunks: keep every predicted chunk; ``4 T A`` bytes per network call and episode.
@@ -97,22 +97,23 @@ def roll_out(
         One rollout per seed, in the order of ``seeds``.
 
     Raises:
-        ConfigurationError: no seeds, or no environments.
+        ConfigurationError: no seeds, no environments, or an environment that cannot be made here.
     """
     if not seeds or n_envs < 1:
         raise ConfigurationError(
             f"a rollout needs seeds and environments, got {len(seeds)} and n_envs={n_envs}"
         )
-    envs = [_make(env_config) for _ in range(min(n_envs, len(seeds)))]
+    worlds = open_worlds(env_config, min(n_envs, len(seeds)), policy.policy.config)
     finished: list[Rollout] = []
     try:
-        for first in range(0, len(seeds), len(envs)):
+        for first in range(0, len(seeds), len(worlds.envs)):
             group = [
-                _Episode(seed, env) for seed, env in zip(seeds[first : first + len(envs)], envs, strict=False)
+                _Episode(seed, env, worlds.reset_options)
+                for seed, env in zip(seeds[first : first + len(worlds.envs)], worlds.envs, strict=False)
             ]
             with _observed_chunks(policy, group, log_chunks):
-                for _ in range(env_config.episode_length):
-                    if not _advance(policy, group, on_step):
+                for _ in range(worlds.episode_length):
+                    if not _advance(policy, worlds, group, on_step):
                         break
                     if progress is not None:
                         progress(len(finished) + sum(episode.done for episode in group))
@@ -120,8 +121,7 @@ def roll_out(
             if progress is not None:
                 progress(len(finished))
     finally:
-        for env in envs:
-            env.close()
+        worlds.close()
     return finished
 
 
@@ -131,6 +131,7 @@ class _Episode:
 
     seed: int
     env: Any
+    reset_options: dict[str, Any] | None = None
     commands: list[np.ndarray] = field(default_factory=list)
     positions: list[np.ndarray] = field(default_factory=list)
     rewards: list[float] = field(default_factory=list)
@@ -139,7 +140,8 @@ class _Episode:
     done: bool = False
 
     def __post_init__(self) -> None:
-        self.observation, _ = self.env.reset(seed=self.seed)
+        self.observation, _ = self.env.reset(seed=self.seed, options=self.reset_options)
+        self.task = task_description(self.env)
 
     def advance(self, command: np.ndarray, on_step: OnStep | None) -> None:
         """Carry out one command (A,)."""
@@ -147,7 +149,7 @@ class _Episode:
         if on_step is not None:
             on_step(self.seed, len(self.commands), self.env)
         self.observation, reward, terminated, truncated, info = self.env.step(command)
-        self.success |= info["is_success"]
+        self.success |= succeeded(info)
         self.done = terminated or truncated
         self.commands.append(command)
         self.rewards.append(reward)
@@ -165,25 +167,22 @@ class _Episode:
         )
 
 
-def _make(env_config: EnvironmentConfig) -> gym.Env:
-    return gym.make(env_config.gym_id, disable_env_checker=True, **env_config.gym_kwargs).unwrapped
-
-
-def _positions(env: gym.Env) -> np.ndarray:
+def _positions(env: Any) -> np.ndarray:
     """In the unit of the actions: ALOHA's are joint positions, those of gymnasium-robotics are not."""
     return env.world.qpos() if isinstance(env, AlohaSimEnv) else np.empty(0)
 
 
-def _advance(policy: LoadedPolicy, group: list[_Episode], on_step: OnStep | None) -> bool:
+def _advance(policy: LoadedPolicy, worlds: Worlds, group: list[_Episode], on_step: OnStep | None) -> bool:
     """One control step of every unfinished episode; False once there is none."""
     if all(episode.done for episode in group):
         return False
     # Finished episodes stay in the batch with their last observation: its size must not change.
     observation = preprocess_observation(_stack([episode.observation for episode in group]))
-    observation["task"] = [episode.env.task_description for episode in group]  # pyright: ignore[reportArgumentType]
-    batch = policy.preprocessor(observation)
+    observation["task"] = [episode.task for episode in group]  # pyright: ignore[reportArgumentType]
+    batch = policy.preprocessor(worlds.before(observation))
     with torch.inference_mode():
-        commands = policy.postprocessor(action_of(policy.policy.select_action(batch))).to("cpu").numpy()
+        actions = policy.postprocessor(action_of(policy.policy.select_action(batch)))
+    commands = worlds.after(actions).to("cpu").numpy()
     for episode, command in zip(group, commands, strict=True):
         if not episode.done:
             episode.advance(command, on_step)

@@ -28,8 +28,10 @@ def reports_of(instrument):
     return typing.get_args(returned) or (returned,)
 
 
-def test_there_are_seven():
-    assert INSTRUMENTS == ["bandwidth", "codebook", "data", "latent", "resolution", "smoothness", "steps"]
+def test_there_are_eight():
+    assert INSTRUMENTS == [
+        "bandwidth", "codebook", "data", "latent", "resolution", "smoothness", "steps", "tune"
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("instrument", INSTRUMENTS)

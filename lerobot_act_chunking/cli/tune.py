@@ -1,0 +1,95 @@
+"""``act-chunking tune``: which execution suits a trained policy, found by measurement."""
+
+import os
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from lerobot_act_chunking.cli.options import Json, Picture
+from lerobot_act_chunking.cli.progress import shown
+from lerobot_act_chunking.cli.reporting import finish
+
+
+def tune_command(
+    checkpoint: Annotated[str, typer.Argument(help="Checkpoint folder (…/pretrained_model) or repo id.")],
+    task: Annotated[
+        str | None, typer.Option(help="A simulated task to measure success in, as insertion or FetchPush-v4.")
+    ] = None,
+    success: Annotated[
+        str | None,
+        typer.Option(help="Its success rule: touch or hold, any or final. \\[default: the first]"),
+    ] = None,
+    env_type: Annotated[
+        str | None, typer.Option(help="Any environment of LeRobot or a plug-in, as for lerobot-eval.")
+    ] = None,
+    env_arg: Annotated[
+        list[str] | None, typer.Option(help="A field of its configuration, as task=lift; may be repeated.")
+    ] = None,
+    dataset: Annotated[
+        str | None, typer.Option(help="Without a simulation: folder of a LeRobotDataset to replay. Weaker.")
+    ] = None,
+    episodes: Annotated[
+        int | None,
+        typer.Option(help="Most per candidate; of a dataset, how many to hold out. \\[default: 100; 10]"),
+    ] = None,
+    minutes: Annotated[float, typer.Option(help="No episodes are begun after this time.")] = 5.0,
+    seed: Annotated[
+        int, typer.Option(help="Of the first episode; keep away from those that you evaluate on.")
+    ] = 100_000,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes that run episodes. \\[default: 2, or 1 on one core]")
+    ] = None,
+    output_dir: Annotated[
+        Path | None,
+        typer.Option(
+            help="Where finished episodes are kept. \\[default: outputs/tune/..., by what is asked]"
+        ),
+    ] = None,
+    write: Annotated[
+        bool, typer.Option("--write", help="Change the checkpoint's configuration to the choice.")
+    ] = False,
+    json: Json = None,
+    out: Picture = None,
+) -> None:
+    """Try the ways of executing a policy's chunks against each other, and say which to use.
+
+    Stop it whenever you like: the same command goes on where it was. Exit status: 0 done, 10 cannot be told.
+    """
+    from lerobot_act_chunking.diagnostics.tune.diagnosis import diagnose
+    from lerobot_act_chunking.diagnostics.tune.plots import plot_report
+    from lerobot_act_chunking.diagnostics.tune.settings import Settings
+    from lerobot_act_chunking.diagnostics.tune.terminal import print_report
+
+    settings = Settings(
+        checkpoint=checkpoint,
+        task=task,
+        success=success,
+        env_type=env_type,
+        env_arguments=dict(map(_argument, env_arg or ())),
+        dataset=dataset,
+        episodes=episodes if episodes is not None else 10 if dataset is not None else 100,
+        minutes=minutes,
+        seed=seed,
+        workers=workers if workers is not None else min(2, os.cpu_count() or 1),
+        output_dir=output_dir,
+        write=write,
+    )
+    with shown("executing in many ways") as progress:
+        report = diagnose(settings, progress)
+    finish(report, print_report, plot_report, json=json, picture=out)
+
+
+def _argument(text: str) -> tuple[str, Any]:
+    """A field and its value, which is read as YAML."""
+    import yaml
+
+    from lerobot_act_chunking.errors import ConfigurationError
+
+    name, equals, value = text.partition("=")
+    if not (name and equals):
+        raise ConfigurationError(f"--env-arg {text!r} must be a field and its value, as task=lift")
+    try:
+        return name, yaml.safe_load(value)
+    except yaml.YAMLError as error:
+        raise ConfigurationError(f"--env-arg {text!r}: its value cannot be read: {error}") from error

@@ -1,0 +1,1 @@
+"""Which execution suits a trained policy, by measurement."""

@@ -1,0 +1,158 @@
+"""The whole diagnosis, from what is asked to the report."""
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from lerobot.envs.configs import EnvConfig
+
+from lerobot_act_chunking.diagnostics.core.environments import environment_of
+from lerobot_act_chunking.diagnostics.core.report import with_untrained
+from lerobot_act_chunking.diagnostics.core.training import untrained
+from lerobot_act_chunking.diagnostics.core.worlds import check_sees_what_it_needs, make_env_config
+from lerobot_act_chunking.diagnostics.tune.candidates import Candidate
+from lerobot_act_chunking.diagnostics.tune.measuring import CandidateCell, Episodes, make_runner
+from lerobot_act_chunking.diagnostics.tune.racing import race
+from lerobot_act_chunking.diagnostics.tune.replay import Replay, hold_out, replay
+from lerobot_act_chunking.diagnostics.tune.report import TuneReport
+from lerobot_act_chunking.diagnostics.tune.settings import Settings
+from lerobot_act_chunking.diagnostics.tune.store import Store
+from lerobot_act_chunking.diagnostics.tune.subject import Subject, digest, read_subject
+from lerobot_act_chunking.diagnostics.tune.verdict import TuneJudgement, judge_race, judge_replay
+from lerobot_act_chunking.diagnostics.tune.writing import changes, check_writable, wrap_command, write
+from lerobot_act_chunking.policies.loading import LoadedPolicy
+
+Progress = Callable[[int, int], None]
+
+
+def diagnose(settings: Settings, progress: Progress | None = None) -> TuneReport:
+    """Try the executions that a checkpoint can have, and choose one; written only if that is asked.
+
+    Args:
+        settings: what is asked.
+        progress: called with the numbers of episodes (candidates, of a dataset) done and planned so far.
+
+    Raises:
+        ConfigurationError: a checkpoint or an environment that cannot be used, or nothing to write to.
+        DatasetError: no usable dataset.
+        FeatureError: the environment or dataset lacks what the policy observes.
+    """
+    started = time.monotonic()
+    subject = read_subject(settings.checkpoint)
+    if settings.write:
+        check_writable(subject)
+    clock = Clock(started + 60 * settings.minutes, progress)
+    measure = _replayed if settings.dataset is not None else _raced
+    report = measure(settings, subject, subject.load(), clock)
+    if settings.write and report.changes:
+        write(settings.checkpoint, report.changes)
+        report = replace(report, written=True)
+    return replace(report, minutes=(time.monotonic() - started) / 60)
+
+
+@dataclass
+class Clock:
+    """How far a measurement is, and whether there is time for more.
+
+    Attributes:
+        end: of the time, as ``time.monotonic`` counts.
+        progress: called with what is done and planned so far.
+    """
+
+    end: float
+    progress: Progress | None
+    done: int = 0
+    planned: int = 0
+
+    def may_begin(self) -> bool:
+        """Whether there is time to begin something."""
+        return time.monotonic() < self.end
+
+    def advance(self, *, done: int = 0, planned: int = 0) -> None:
+        """Count, and show."""
+        self.done, self.planned = self.done + done, self.planned + planned
+        if self.progress is not None:
+            self.progress(self.done, self.planned)
+
+
+def _raced(settings: Settings, subject: Subject, policy: LoadedPolicy, clock: Clock) -> TuneReport:
+    env_config = _environment(settings, subject, policy)
+    store = Store(_question(settings, subject, env_config), settings.output_dir)
+    episodes = Episodes(subject, env_config, settings.seed)
+    with make_runner(episodes, settings.workers, policy) as runner:
+        evaluate = store.remembering(lambda cells: runner.run(cells, clock.may_begin))
+
+        def counted(cells: list[CandidateCell]) -> Any:
+            clock.advance(planned=sum(cell.n for cell in cells))
+            for cell, successes in evaluate(cells):
+                clock.advance(done=cell.n)
+                yield cell, successes
+
+        found = race(subject.candidates, counted, settings.episodes)
+    judgement = judge_race(found, lambda each: each.calls_per_second(env_config.fps))
+    return _report(
+        settings,
+        subject,
+        with_untrained(judgement, untrained(settings.checkpoint)),
+        where=settings.task or settings.env_type or "",
+        fps=env_config.fps,
+        race=found,
+        folder=store.folder,
+    )
+
+
+def _environment(settings: Settings, subject: Subject, policy: LoadedPolicy) -> Any:
+    if settings.task is not None:
+        return environment_of(policy, settings.checkpoint, task=settings.task, success=settings.success)
+    env_config = make_env_config(settings.env_type or "", settings.env_arguments)
+    check_sees_what_it_needs(subject.config, env_config)
+    return env_config
+
+
+def _question(settings: Settings, subject: Subject, env_config: EnvConfig) -> dict[str, Any]:
+    """What finished episodes depend on, apart from the candidate and the number of the episode."""
+    environment = {name: repr(value) for name, value in asdict(env_config).items()}  # pyright: ignore[reportArgumentType]
+    return {
+        "checkpoint": digest(subject),
+        "environment": {"type": env_config.type, **environment},
+        "seed": settings.seed,
+    }
+
+
+def _replayed(settings: Settings, subject: Subject, policy: LoadedPolicy, clock: Clock) -> TuneReport:
+    folder = settings.dataset or ""
+    held_out = hold_out(folder, settings.checkpoint, subject.config, settings.episodes)
+    found: dict[Candidate, Replay] = {}
+    clock.advance(planned=len(subject.candidates))
+    for candidate in subject.candidates:
+        if not clock.may_begin():
+            break
+        found[candidate] = replay(policy, candidate, held_out)
+        clock.advance(done=1)
+    fps = held_out.demonstrated.fps
+    judgement = judge_replay(subject.candidates, found, lambda each: each.calls_per_second(fps))
+    return _report(
+        settings,
+        subject,
+        with_untrained(judgement, untrained(settings.checkpoint)),
+        where=folder,
+        fps=fps,
+        replays=found,
+        seen_in_training=held_out.seen_in_training,
+    )
+
+
+def _report(settings: Settings, subject: Subject, judgement: TuneJudgement, **measured: Any) -> TuneReport:
+    chosen = judgement.chosen
+    made = changes(subject, chosen)
+    return TuneReport(
+        requested=settings,
+        policy_type=subject.config.inner_config.type if subject.wrapped else subject.config.type,
+        candidates=subject.candidates,
+        judgement=judgement,
+        changes=made,
+        wrap=wrap_command(subject, chosen) if subject.wrapped and made else None,
+        minutes=0.0,
+        **measured,
+    )
