@@ -27,7 +27,7 @@ def settings(execution="open_loop", chunk_size=10, **fields):
         ("ensemble", {"ensemble_weighting": "uniform"}, {"temporal_ensemble_coeff": 0.0}),
         ("ensemble", {"temporal_ensemble_coeff": 0.0}, {"temporal_ensemble_coeff": 0.0}),
         ("crossfade", {"replan_interval": 5}, {"crossfade_steps": 5}),
-        ("crossfade", {"chunk_size": 100}, {"crossfade_steps": 10}),
+        ("crossfade", {"chunk_size": 100}, {"replan_interval": 25, "crossfade_steps": 50}),
         ("crossfade", {"replan_interval": 6, "latency_steps": 1}, {"crossfade_steps": 3}),
         ("crossfade", {"latency_steps": 8}, {"replan_interval": 1, "crossfade_steps": 1}),
         ("adaptive", {}, {"adaptive_kernel": "gate", "adaptive_scale": 3.0, "temporal_ensemble_coeff": 0.01}),

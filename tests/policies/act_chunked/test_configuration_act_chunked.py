@@ -75,7 +75,7 @@ def test_a_single_action_is_executed_open_loop():
 def test_execution_modes_fill_in_their_own_defaults():
     config = make(chunk_size=40)
     settings = config.execution_settings
-    assert (settings.execution, settings.replan_interval, settings.crossfade_steps) == ("crossfade", 10, 10)
+    assert (settings.execution, settings.replan_interval, settings.crossfade_steps) == ("crossfade", 10, 20)
     config.execution = "ensemble"
     settings = config.execution_settings
     assert (settings.replan_interval, settings.temporal_ensemble_coeff) == (10, 0.01)

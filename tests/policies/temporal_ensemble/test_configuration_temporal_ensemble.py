@@ -117,7 +117,7 @@ def test_what_is_saved_needs_no_path(tmp_path):
     changed = PreTrainedConfig.from_pretrained(
         tmp_path / "saved", cli_overrides=["--execution=crossfade", "--replan_interval=4"]
     )
-    assert changed.execution_settings.crossfade_steps == 5
+    assert changed.execution_settings.crossfade_steps == 4
 
 
 def test_the_inner_policy_is_described_on_the_command_line():
