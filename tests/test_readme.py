@@ -38,6 +38,14 @@ def test_the_tables_are_those_of_the_committed_results():
     assert README.count("\n| `") == 2 * len(tables.POLICIES) + len(tables.ONE_CAMERA)
 
 
+def test_the_tables_of_the_study_of_demonstrators_are_those_of_its_results():
+    tables = load("benchmarks/operator_table.py")
+    page = tables.PAGE.read_text()
+    assert tables.with_tables(page) == page, "run: python benchmarks/operator_table.py"
+    assert page.count("| `hesitant` |") == 2
+    assert tables.with_tables(page.replace("| `hesitant` |", "| `nobody` |")) == page
+
+
 def test_the_readme_fits_on_a_few_screens():
     lines = README.splitlines()
     assert len(lines) <= 140

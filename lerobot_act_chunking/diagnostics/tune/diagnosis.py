@@ -1,7 +1,7 @@
 """The whole diagnosis, from what is asked to the report."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -83,7 +83,7 @@ def _raced(settings: Settings, subject: Subject, policy: LoadedPolicy, clock: Cl
     with make_runner(episodes, settings.workers, policy) as runner:
         evaluate = store.remembering(lambda cells: runner.run(cells, clock.may_begin))
 
-        def counted(cells: list[CandidateCell]) -> Any:
+        def counted(cells: Sequence[CandidateCell]) -> Any:
             clock.advance(planned=sum(cell.n for cell in cells))
             for cell, successes in evaluate(cells):
                 clock.advance(done=cell.n)

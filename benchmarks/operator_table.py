@@ -1,0 +1,69 @@
+"""The tables of docs/studies/demonstrators.md, from the committed results.
+
+    python benchmarks/operator_table.py
+
+reads benchmarks/results/operators.json and pushed.json and writes the tables between their marks; a test
+compares.
+"""
+
+import argparse
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate
+
+ROOT = Path(__file__).parents[1]
+RESULTS = ROOT / "benchmarks" / "results"
+PAGE = ROOT / "docs" / "studies" / "demonstrators.md"
+COLUMNS = ("crossfade 25 over 50", "crossfade 25 over 10", "ensemble 25", "open loop")
+
+
+def shown(successes: int, episodes: int) -> str:
+    return f"{successes} ({SuccessRate(successes, episodes).percent})"
+
+
+def by_operator() -> Iterator[str]:
+    cells: dict[tuple[str, str, int], dict[str, Any]] = {}
+    for entry in json.loads((RESULTS / "operators.json").read_text()):
+        key = entry["run"]["task"], entry["operator"], entry["train"]["steps"]
+        cells.setdefault(key, {})[entry["execution"]] = entry
+    yield f"| task | person | training steps | {' | '.join(COLUMNS)} |"
+    yield "|---|---|---|---|---|---|---|"
+    for (task, operator, steps), row in sorted(cells.items()):
+        values = [
+            shown(row[name]["episodes"] - len(row[name]["failed_seeds"]), row[name]["episodes"])
+            for name in COLUMNS
+        ]
+        yield f"| {task} | `{operator}` | {steps} | {' | '.join(values)} |"
+
+
+def pushed() -> Iterator[str]:
+    entries = json.loads((RESULTS / "pushed.json").read_text())
+    yield f"| {' | '.join(entry['execution'] for entry in entries)} |"
+    yield "|" + "---|" * len(entries)
+    yield f"| {' | '.join(shown(entry['successes'], entry['episodes']) for entry in entries)} |"
+
+
+def with_tables(text: str) -> str:
+    """The page with its tables as the results have them."""
+    for name, rows in (("operators", by_operator()), ("pushed", pushed())):
+        mark = f"<!-- {name}: python benchmarks/operator_table.py -->"
+        table = "\n".join(rows)
+        text = re.sub(
+            rf"({re.escape(mark)}\n).*?(<!-- end -->)", rf"\1\n{table}\n\n\2", text, flags=re.DOTALL
+        )
+    return text
+
+
+def main() -> None:
+    argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    ).parse_args()
+    PAGE.write_text(with_tables(PAGE.read_text()))
+
+
+if __name__ == "__main__":
+    main()
