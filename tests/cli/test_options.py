@@ -53,6 +53,7 @@ def test_the_statuses_in_every_help_are_those_of_the_code():
             judging += 1
             stated = set(re.findall(r"\b\d+\b", text.lower().split("exit status")[1]))
             assert stated <= allowed, name
-            assert str(EXIT_CODES["fail"]) in stated, name
+            least = "inconclusive" if name == "tune" else "fail"  # tune chooses, and fails nothing
+            assert str(EXIT_CODES[least]) in stated, name
     assert judging == 7
     assert get_command(app).epilog == EXIT_STATUS
