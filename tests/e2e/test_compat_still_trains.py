@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from policy_cases import MODULES, TYPES
 
 pytestmark = pytest.mark.slow
 
@@ -18,7 +19,6 @@ del constants.HF_HUB_DISABLE_XET  # requests cannot be routed
 get_item = DatasetReader.get_item
 DatasetReader.get_item = lambda self, idx: get_item(self, idx)  # other insides, the same items
 from lerobot.scripts.lerobot_train import main
-from policy_cases import MODULES, TYPES
 main()
 """
 
