@@ -40,6 +40,19 @@ def by_operator() -> Iterator[str]:
         yield f"| {task} | `{operator}` | {steps} | {' | '.join(values)} |"
 
 
+def by_interval() -> Iterator[str]:
+    entries = json.loads((RESULTS / "operators.json").read_text())
+    found = {}
+    for entry in entries:
+        match = re.fullmatch(r"crossfade (\d+) over 50", entry["execution"])
+        if match and (entry["operator"], entry["run"]["task"]) == ("hesitant", "insertion"):
+            failed, episodes = len(entry["failed_seeds"]), entry["episodes"]
+            found[int(match[1])] = shown(episodes - failed, episodes)
+    yield f"| a new chunk every | {' | '.join(f'{interval} steps' for interval in sorted(found))} |"
+    yield "|" + "---|" * (len(found) + 1)
+    yield f"| successes of 200 | {' | '.join(found[interval] for interval in sorted(found))} |"
+
+
 def pushed() -> Iterator[str]:
     entries = json.loads((RESULTS / "pushed.json").read_text())
     yield f"| {' | '.join(entry['execution'] for entry in entries)} |"
@@ -49,7 +62,7 @@ def pushed() -> Iterator[str]:
 
 def with_tables(text: str) -> str:
     """The page with its tables as the results have them."""
-    for name, rows in (("operators", by_operator()), ("pushed", pushed())):
+    for name, rows in (("operators", by_operator()), ("intervals", by_interval()), ("pushed", pushed())):
         mark = f"<!-- {name}: python benchmarks/operator_table.py -->"
         table = "\n".join(rows)
         text = re.sub(

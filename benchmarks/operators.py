@@ -36,6 +36,14 @@ VARIANTS = {
 EXECUTIONS: dict[str, dict[str, Any]] = {
     "crossfade 25 over 50": {"execution": "crossfade", "replan_interval": 25, "crossfade_steps": 50},
     "crossfade 25 over 10": {"execution": "crossfade", "replan_interval": 25, "crossfade_steps": 10},
+    **{
+        f"crossfade {interval} over 50": {
+            "execution": "crossfade",
+            "replan_interval": interval,
+            "crossfade_steps": 50,
+        }
+        for interval in (5, 10, 15, 20)
+    },
     "crossfade 50 over 10": {"execution": "crossfade", "replan_interval": 50, "crossfade_steps": 10},
     "open loop": {"execution": "open_loop", "replan_interval": None},
     "ensemble 25": {"execution": "ensemble", "replan_interval": 25},
