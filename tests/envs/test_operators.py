@@ -110,6 +110,27 @@ def test_the_hand_is_recorded_and_executed():
     np.testing.assert_array_equal(shaky.actions[:, [6, 13]], planned().actions[:, [6, 13]])
 
 
+def test_a_tremor_is_in_the_actions():
+    shaking = (planned(tremor=0.005).actions - planned().actions)[:, :6]
+    assert 0.003 < shaking.std() < 0.007
+    assert np.abs(np.diff(shaking, axis=0)).mean() > 0.002  # fast
+
+
+def test_one_arm_waits_until_the_other_has_grasped():
+    plain, waiting = planned().actions, planned(one_arm_first=1).actions
+    assert 90 <= len(waiting) - len(plain) <= 94
+    assert np.ptp(waiting[:80, :7], axis=0).max() < 1e-9
+    np.testing.assert_allclose(waiting[:140, 7:], plain[:140, 7:], atol=1e-9)
+    np.testing.assert_allclose(waiting[-1], plain[-1], atol=2e-2)
+
+
+def test_a_two_sided_person_comes_from_both_sides():
+    sides = [np.sign(options.detour) for options in episodes("two_sided")]
+    assert 10 < sides.count(1) < 40
+    assert sides.count(1) + sides.count(-1) == 50
+    assert {options.detour for options in episodes("brisk")} == {0.0}
+
+
 @pytest.mark.parametrize("period", [0.02, 0.04])
 def test_a_tremor_has_its_deviation_and_its_band(period):
     noise = tremor((4000, 3), 0.01, np.random.default_rng(0), period=period)

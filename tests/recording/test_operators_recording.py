@@ -7,6 +7,7 @@ from typer.testing import CliRunner
 
 from lerobot_act_chunking.cli.main import app
 from lerobot_act_chunking.envs.demonstration import ExpertOptions
+from lerobot_act_chunking.envs.robotics.experts import Expert
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.recording import RecordSpec, read_summary, record
 
@@ -51,6 +52,43 @@ def test_a_fetch_operator_misses_a_grasp_and_succeeds():
     fingers = episode.arrays["action"][:, 3]
     assert episode.success
     assert np.sum(np.diff((fingers < 0).astype(int)) == 1) == 2
+
+
+def fetch_actions(**options):
+    fetch = source(env="gymnasium_robotics", task="FetchPickAndPlace-v4", expert=ExpertOptions(**options))
+    with fetch.open() as play:
+        return play(0).arrays["action"]
+
+
+def test_a_fetch_operator_rests_first():
+    plain, rested = fetch_actions(), fetch_actions(idle_start=0.2)
+    assert np.abs(plain[:5, :3]).max() > 0.5
+    assert np.abs(rested[:5, :3]).max() == 0
+    assert np.abs(rested[5, :3]).max() > 0.5
+
+
+def test_a_fetch_operator_rests_after_the_grasp():
+    def still_and_closed(actions):
+        return int(np.sum((np.abs(actions[:, :3]).max(axis=1) == 0) & (actions[:, 3] < 0)))
+
+    assert still_and_closed(fetch_actions(dwell_after=0.2)) - still_and_closed(fetch_actions()) == 5
+
+
+def test_a_fetch_operators_commands_come_late():
+    expert = Expert("FetchReach-v4", ExpertOptions(latency=0.04), np.random.default_rng(0), 50)
+    observation = {"grip_pos": np.zeros(3), "desired_goal": np.array([0.1, 0.0, 0.0])}
+    first, executed = expert.act(observation)
+    assert np.abs(first[:3]).max() > 0.5
+    assert np.abs(executed).max() == 0
+    second, executed = expert.act({**observation, "grip_pos": np.array([0.08, 0.0, 0.0])})
+    np.testing.assert_array_equal(executed, first)
+    assert not np.array_equal(second, first)
+
+
+def test_every_episode_of_a_person_is_its_own():
+    brisk = source(operators=("brisk",))
+    assert brisk.options_of(3) == brisk.options_of(3)
+    assert len({brisk.options_of(seed).speed for seed in range(5)}) == 5
 
 
 def test_habits_and_options_together_are_refused():
