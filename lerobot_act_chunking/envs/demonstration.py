@@ -6,7 +6,6 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
-from scipy.signal import butter, sosfilt
 
 from lerobot_act_chunking.errors import ConfigurationError
 
@@ -113,6 +112,8 @@ def correlated_noise(
 
 def tremor(shape: tuple[int, int], scale: float, rng: np.random.Generator, *, period: float) -> np.ndarray:
     """Gaussian noise (T, D) of standard deviation ``scale`` in the band of a hand's tremor."""
+    from scipy.signal import butter, sosfilt  # as slow to import as all of this module
+
     settle = round(1 / period)
     filters = butter(2, _TREMOR_BAND, "bandpass", fs=1 / period, output="sos")
     response = sosfilt(filters, np.eye(1, 4 * settle)[0])

@@ -7,6 +7,7 @@ from typer.testing import CliRunner
 
 from lerobot_act_chunking.cli.main import app
 from lerobot_act_chunking.envs.demonstration import ExpertOptions
+from lerobot_act_chunking.envs.operators import OPERATORS
 from lerobot_act_chunking.envs.robotics.experts import Expert
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.recording import RecordSpec, read_summary, record
@@ -104,3 +105,8 @@ def test_the_command_says_who_was_discarded(tmp_path):
     assert result.exit_code == 0, result.output
     assert "brisk: 0 of 1 attempts discarded" in result.output
     assert "unhurried: 0 of 1 attempts discarded" in result.output
+
+
+def test_help_names_every_operator():
+    shown = " ".join(CliRunner().invoke(app, ["record", "--help"], env={"COLUMNS": "300"}).output.split())
+    assert ", ".join(OPERATORS) in shown

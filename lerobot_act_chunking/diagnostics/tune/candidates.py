@@ -7,8 +7,8 @@ from typing import Any
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.settings import ExecutionSettings
 
-INTERVALS = (0.05, 0.1, 0.2, 0.5)
-"""Replanning intervals, as shares of a chunk."""
+INTERVALS = (0.05, 0.1, 0.25, 0.5)
+"""Replanning intervals, as shares of a chunk; a quarter is the default of all modes."""
 FEWER_STEPS = (2, 10)
 """Denoising steps to try beside the present number."""
 FIELDS = (

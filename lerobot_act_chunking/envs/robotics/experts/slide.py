@@ -34,9 +34,8 @@ def slide(observation: Observation, style: Style) -> Move:
     gripper, puck, target = observation["grip_pos"], observation["object_pos"], observation["desired_goal"]
     distance = flat_distance(target, puck)
     line = np.append((target - puck)[:2] / max(distance, 1e-9), 0.0)
-    velocity = (
-        observation["object_velp"] + observation["grip_velp"]
-    )  # the object's is relative to the gripper's
+    # The object's is relative to the gripper's.
+    velocity = observation["object_velp"] + observation["grip_velp"]
     needed = np.sqrt(2 * _FRICTION * distance)
     slipped_away = flat_distance(velocity, np.zeros(3)) > _MOVING and flat_distance(gripper, puck) > _TOUCH
     if distance < _ARRIVED or velocity @ line >= 0.98 * needed or slipped_away:
