@@ -29,9 +29,12 @@ LONG_LAG_S = 0.3
 """Lag from which a chunk should be much longer than usual."""
 UNEVEN_PACE = 2.0
 """Factor between fast and slow episodes from which the pace is uneven."""
+INTO_A_COPY = (
+    "(with its --repo_id and --root, and --new_repo_id for the copy: without, it is changed in place)"
+)
 DELETE = (
     "lerobot-edit-dataset --operation.type=delete_episodes --operation.episode_indices='{episodes}' "
-    "(with its --repo_id and --root)"
+    + INTO_A_COPY
 )
 
 
@@ -85,7 +88,7 @@ def _rate(recording: Recording, found: Findings) -> list[str]:
         f"recorded at {each.rate_hz:.1f} frames a second by {each.column!r}, not at {recording.fps:g} as "
         f"meta/info.json says: played at {recording.fps:g} everything is {abs(each.off(recording.fps)):.0%} "
         f"too {'fast' if each.rate_hz < recording.fps else 'slow'}. Correct fps in meta/info.json and the "
-        f"timestamps, or run the policy at {each.rate_hz:.1f} steps a second"
+        f"timestamps of a copy, or run the policy at {each.rate_hz:.1f} steps a second"
         for each in wrong
     ]
 
@@ -113,7 +116,7 @@ def _useless_cameras(found: Findings) -> list[str]:
                 reasons.append(
                     f"{camera.key!r} {what} in all episodes that were looked at: leave it out: "
                     "lerobot-edit-dataset --operation.type=remove_feature "
-                    f"--operation.feature_names=\"['{camera.key}']\" (with its --repo_id and --root)"
+                    f"--operation.feature_names=\"['{camera.key}']\" {INTO_A_COPY}"
                 )
             elif episodes:
                 reasons.append(
