@@ -41,6 +41,8 @@ class ExpertOptions:
         tremor: the same between 6 and 11 Hz.
         missed_grasps: how many times the fingers close on nothing before they grasp, 0 or 1.
         one_arm_first: 1 where the second arm begins only when the first has grasped.
+        constant_speed: 1 where movements start and stop at once and go at constant speed in between, as
+            programmed robots often do.
         latency: how much later [s] than it is recorded a command reaches the robot.
         dropped_frames: share of the control steps that the recording misses.
     """
@@ -60,6 +62,7 @@ class ExpertOptions:
     tremor: float = 0.0
     missed_grasps: int = 0
     one_arm_first: int = 0
+    constant_speed: int = 0
     latency: float = 0.0
     dropped_frames: float = 0.0
 

@@ -48,6 +48,7 @@ class Operator:
         tremor: fast noise of the hand, as a share of the most that the expert bears.
         miss_rate: share of the episodes with a grasp that has to be repeated.
         one_arm_share: share of the episodes in which one arm moves after the other.
+        constant_speed: 1 where movements start and stop at once and go at constant speed in between.
         latency: how much later [s] than it is recorded a command reaches the robot.
         dropped_frames: share of the control steps that the recording misses.
     """
@@ -68,6 +69,7 @@ class Operator:
     tremor: float = 0.0
     miss_rate: float = 0.0
     one_arm_share: float = 0.0
+    constant_speed: int = 0
     latency: float = 0.0
     dropped_frames: float = 0.0
 
@@ -97,6 +99,7 @@ class Operator:
             "tremor": self.tremor * ranges["tremor"][1],
             "missed_grasps": int(rng.random() < self.miss_rate),
             "one_arm_first": int(rng.random() < self.one_arm_share),
+            "constant_speed": self.constant_speed,
             "latency": self.latency,
             "dropped_frames": self.dropped_frames,
         }
@@ -196,6 +199,8 @@ OPERATORS: Mapping[str, Operator] = {
         dwell=0.05,
         hand_noise=0.03,
     ),
+    # No person but a program: straight lines at constant speed, and the same pauses in every episode.
+    "programmed": Operator(pace=0.95, constant_speed=1, dwell=0.4, dwell_after=0.4, idle_end=0.2),
 }
 """The people, by name."""
 

@@ -89,6 +89,11 @@ def minimum_jerk(phase: np.ndarray) -> np.ndarray:
     return phase**3 * (10 - 15 * phase + 6 * phase**2)
 
 
+def steady_speed(phase: np.ndarray) -> np.ndarray:
+    """The profile that starts and stops at once and goes at constant speed in between."""
+    return np.clip(phase, 0.0, 1.0)
+
+
 def overshooting(phase: np.ndarray, share: float) -> np.ndarray:
     """The minimum-jerk profile that goes ``share`` too far around its end and is corrected right after.
 
@@ -102,6 +107,8 @@ def blend(
     origin: Sequence[float] | np.ndarray,
     strokes: Sequence[Stroke],
     overshoot: float = 0.0,
+    *,
+    constant_speed: bool = False,
 ) -> np.ndarray:
     """Superpose strokes: each adds its displacement in its own time, so overlapping ones round the corner.
 
@@ -110,17 +117,19 @@ def blend(
         origin: (D,) value before the first stroke.
         strokes: in the order in which their targets follow each other.
         overshoot: of strokes to free targets, as a share of their displacement.
+        constant_speed: start and stop at once, in place of minimum-jerk strokes.
 
     Returns:
-        (T, D); two times continuously differentiable, and never beyond a target unless strokes overlap or
-        overshoot.
+        (T, D); two times continuously differentiable but with ``constant_speed``, and never beyond a target
+        unless strokes overlap or overshoot.
     """
     value = np.asarray(origin, dtype=np.float64)
+    plain = steady_speed if constant_speed else minimum_jerk
     path = np.tile(value, (len(times), 1))
     for stroke in strokes:
         target = np.asarray(stroke.target, dtype=np.float64)
         phase = (times - stroke.start) / (stroke.end - stroke.start)
-        profile = overshooting(phase, overshoot) if stroke.free and overshoot else minimum_jerk(phase)
+        profile = overshooting(phase, overshoot) if stroke.free and overshoot else plain(phase)
         path += profile[:, None] * (target - value)
         value = target
     return path

@@ -55,6 +55,7 @@ RANGES: Ranges = {
     "tremor": (0.0, 0.02, "rad"),
     "missed_grasps": (0, 1, "grasps"),
     "one_arm_first": (0, 1, "arms"),
+    "constant_speed": (0, 1, "(no or yes)"),
     "latency": (0.0, 0.2, "s"),
     "dropped_frames": (0.0, 0.2, "of the control steps"),
 }
@@ -155,10 +156,12 @@ def _targets(
     """(T, 7) joint and gripper targets of one arm."""
     noise = options.waypoint_noise
     strokes = shift_free(script.tool, noise, rng) if noise > 0 else script.tool
-    tool = blend(times, forward(arm, HOME_JOINTS), strokes, options.overshoot)
+    straight = bool(options.constant_speed)
+    tool = blend(times, forward(arm, HOME_JOINTS), strokes, options.overshoot, constant_speed=straight)
     tool[:, 1] += detour_of(times, script.tool, options.detour)
     joints = inverse(arm, tool)
-    return np.concatenate([joints, blend(times, _HOME_GRIPPER, script.gripper)], axis=1)
+    fingers = blend(times, _HOME_GRIPPER, script.gripper, constant_speed=straight)
+    return np.concatenate([joints, fingers], axis=1)
 
 
 def _late(commands: np.ndarray, latency: float) -> np.ndarray:

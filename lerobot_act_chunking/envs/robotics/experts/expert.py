@@ -53,6 +53,7 @@ RANGES: Ranges = {
     "tremor": (0.0, 0.3, "of the largest action"),
     "missed_grasps": (0, 1, "grasps"),
     "one_arm_first": (0, 1, "arms"),
+    "constant_speed": (0, 1, "(no or yes)"),
     "latency": (0.0, 0.04, "s"),
     "dropped_frames": (0.0, 0.2, "of the control steps"),
 }
@@ -68,7 +69,8 @@ class Expert:
     Without noise and pauses, an action is a function of the current observation. A pause of ``dwell`` seconds
     comes before the fingers close or the push begins, one of ``dwell_after`` when the block is grasped;
     FetchReach has neither, nor a free way-point. Only FetchPickAndPlace has a grasp that can be missed, and
-    no task has a second arm. All episodes last equally long, so that ``idle_end`` is what is left of them.
+    no task has a second arm, and a controller moves, so that ``constant_speed`` changes nothing. All episodes
+    last equally long, so that ``idle_end`` is what is left of them.
 
     Args:
         task: one of ``EXPERTS``.
