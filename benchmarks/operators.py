@@ -44,10 +44,19 @@ EXECUTIONS: dict[str, dict[str, Any]] = {
         }
         for interval in (5, 10, 15, 20)
     },
+    **{
+        f"crossfade {interval} over {steps}": {
+            "execution": "crossfade",
+            "replan_interval": interval,
+            "crossfade_steps": steps,
+        }
+        for interval, steps in ((2, 10), (2, 25), (5, 10), (5, 25), (12, 25), (25, 25))
+    },
     "crossfade 50 over 10": {"execution": "crossfade", "replan_interval": 50, "crossfade_steps": 10},
     "open loop": {"execution": "open_loop", "replan_interval": None},
     "ensemble 25": {"execution": "ensemble", "replan_interval": 25},
     "ensemble 10": {"execution": "ensemble", "replan_interval": 10},
+    "ensemble 5": {"execution": "ensemble", "replan_interval": 5},
     "adaptive 25": {"execution": "adaptive", "replan_interval": 25},
 }
 """Settings of execution, by name."""
