@@ -41,8 +41,8 @@ class ExpertOptions:
         tremor: the same between 6 and 11 Hz.
         missed_grasps: how many times the fingers close on nothing before they grasp, 0 or 1.
         one_arm_first: 1 where the second arm begins only when the first has grasped.
-        constant_speed: 1 where movements start and stop at once and go at constant speed in between, as
-            programmed robots often do.
+        constant_speed: 1 where movements start and stop at once, go at constant speed in between, and nothing
+            moves in a pause, as programmed robots often do.
         latency: how much later [s] than it is recorded a command reaches the robot.
         dropped_frames: share of the control steps that the recording misses.
     """

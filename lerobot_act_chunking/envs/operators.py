@@ -48,7 +48,8 @@ class Operator:
         tremor: fast noise of the hand, as a share of the most that the expert bears.
         miss_rate: share of the episodes with a grasp that has to be repeated.
         one_arm_share: share of the episodes in which one arm moves after the other.
-        constant_speed: 1 where movements start and stop at once and go at constant speed in between.
+        constant_speed: 1 where movements start and stop at once, go at constant speed in between, and nothing
+            moves in a pause.
         latency: how much later [s] than it is recorded a command reaches the robot.
         dropped_frames: share of the control steps that the recording misses.
     """
@@ -199,8 +200,8 @@ OPERATORS: Mapping[str, Operator] = {
         dwell=0.05,
         hand_noise=0.03,
     ),
-    # No person but a program: straight lines at constant speed, and the same pauses in every episode.
-    "programmed": Operator(pace=0.95, constant_speed=1, dwell=0.4, dwell_after=0.4, idle_end=0.2),
+    # No person but a program: constant speed, and the same long standstills in every episode.
+    "programmed": Operator(pace=1.3, constant_speed=1, dwell=0.8, dwell_after=0.9, idle_end=0.2),
 }
 """The people, by name."""
 

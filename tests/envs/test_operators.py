@@ -116,6 +116,17 @@ def test_a_tremor_is_in_the_actions():
     assert np.abs(np.diff(shaking, axis=0)).mean() > 0.002  # fast
 
 
+def test_a_program_stands_still_in_its_pauses_and_moves_at_constant_speed():
+    actions = planned(constant_speed=1, speed=1.3, dwell=0.8, dwell_after=0.9).actions
+    still = np.abs(np.diff(actions, axis=0)).max(axis=1) < 2e-3
+    runs = "".join(".x"[int(each)] for each in still).split(".")
+    assert [len(run) for run in runs if len(run) > 2] == [39, 45, 39, 45]  # pauses of 40 and 45 steps
+    jumps, smooth = (
+        np.abs(np.diff(planned(constant_speed=each).actions[:, :6], n=2, axis=0)).max() for each in (1, 0)
+    )
+    assert jumps > 3 * smooth
+
+
 def test_one_arm_waits_until_the_other_has_grasped():
     plain, waiting = planned().actions, planned(one_arm_first=1).actions
     assert 90 <= len(waiting) - len(plain) <= 94

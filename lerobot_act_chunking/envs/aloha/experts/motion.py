@@ -7,7 +7,7 @@ import numpy as np
 
 from lerobot_act_chunking.envs.aloha.world import CONTROL_PERIOD
 
-_PAUSE_WINDOW = 0.1  # stretch [s] of the script over which a pause is spread, so that nothing stops at once
+PAUSE_WINDOW = 0.1  # stretch [s] of the script over which a pause is spread, so that nothing stops at once
 _MISSED_BY = 0.06  # height [m] above the object at which fingers close that miss it
 _RETRY = 1.2  # [s] from a missed grasp to the next
 _HEAD_START = 1.85  # [s] by which one arm begins before the other: until it has grasped
@@ -220,7 +220,11 @@ def _delayed_arm(arm: ArmScript, delay: float, after: float) -> ArmScript:
 
 
 def script_times(
-    span: tuple[float, float], pauses: Sequence[tuple[float, float]], speed: float | np.ndarray
+    span: tuple[float, float],
+    pauses: Sequence[tuple[float, float]],
+    speed: float | np.ndarray,
+    *,
+    window: float = PAUSE_WINDOW,
 ) -> np.ndarray:
     """Moments of the script [s] at which the control steps fall.
 
@@ -228,6 +232,7 @@ def script_times(
         span: first and last moment of the script [s].
         pauses: moments of the script [s] at which to linger, and for how long [s].
         speed: pace of the script; or its pace at each of ``fine_moments(span)``.
+        window: stretch [s] of the script over which each pause is spread; at 0 the script stands still.
 
     Returns:
         (T,), increasing, from the first moment to the last.
@@ -235,7 +240,8 @@ def script_times(
     script = fine_moments(span)
     wall = _elapsed(script, speed) if isinstance(speed, np.ndarray) else (script - span[0]) / speed
     for moment, dwell in pauses:
-        wall = wall + dwell * minimum_jerk((script - moment) / _PAUSE_WINDOW + 0.5)
+        share = minimum_jerk((script - moment) / window + 0.5) if window else script > moment
+        wall = wall + dwell * share
     steps = np.arange(0.0, wall[-1] + 1e-9, CONTROL_PERIOD)
     return np.interp(steps, wall, script)
 

@@ -8,6 +8,7 @@ import numpy as np
 from lerobot_act_chunking.envs.aloha.experts import insertion, transfer_cube
 from lerobot_act_chunking.envs.aloha.experts.kinematics import HOME_JOINTS, Arm, forward, inverse
 from lerobot_act_chunking.envs.aloha.experts.motion import (
+    PAUSE_WINDOW,
     ArmScript,
     Script,
     blend,
@@ -136,7 +137,8 @@ def _step_times(script: Script, options: ExpertOptions, rng: np.random.Generator
         speed = speed * wandering_pace(moments, options.pace_change, rng)
     pauses = [(moment, options.pause(options.dwell, rng)) for moment in script.pauses]
     pauses += [(moment, options.pause(options.dwell_after, rng)) for moment in script.pauses_after]
-    moving = script_times(span, pauses, speed)
+    window = 0.0 if options.constant_speed else PAUSE_WINDOW
+    moving = script_times(span, pauses, speed, window=window)
     if options.pace_change or options.dwell_spread:
         moving = moving[:MAX_STEPS]  # who takes too long this time does not get to the end
     if len(moving) > MAX_STEPS:

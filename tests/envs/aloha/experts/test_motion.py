@@ -57,3 +57,11 @@ def test_a_dwell_lingers_around_its_pause_and_nowhere_else():
     assert np.all(steps > 0)
     assert np.all(np.abs(times[:-1][lingering] - 0.5) < 0.06)
     np.testing.assert_allclose(steps[times[1:] < 0.44], 0.02, atol=1e-9)
+
+
+def test_without_a_window_a_dwell_stands_still():
+    times = script_times((0.0, 1.0), [(0.5, 0.4)], 1.0, window=0.0)
+    assert len(times) == 71
+    assert np.sum(np.abs(times - 0.5) < 0.006) == 21
+    moving = np.diff(times)[np.abs(times[:-1] - 0.5) > 0.03]
+    np.testing.assert_allclose(moving, 0.02, atol=1e-9)
