@@ -31,8 +31,9 @@ VARIANTS = {
         for kind in ("act_chunked", "diffusion_chunked", "vqbet_chunked")
         for steps in (1500, 4000)
     },
+    "act_chunked_100_1500": Variant({"type": "act_chunked", "chunk_size": 100, **CPU}, 1500, 64),
 }
-"""Policies as they come, by type and training steps."""
+"""Policies as they come, by type and training steps; and one with long chunks, whatever the dataset."""
 EXECUTIONS: dict[str, dict[str, Any]] = {
     "crossfade 25 over 50": {"execution": "crossfade", "replan_interval": 25, "crossfade_steps": 50},
     "crossfade 25 over 10": {"execution": "crossfade", "replan_interval": 25, "crossfade_steps": 10},
@@ -44,19 +45,17 @@ EXECUTIONS: dict[str, dict[str, Any]] = {
         }
         for interval in (5, 10, 15, 20)
     },
+    "crossfade 6 over 12": {"execution": "crossfade", "replan_interval": 6, "crossfade_steps": 12},
+    "crossfade 2 over 2": {"execution": "crossfade", "replan_interval": 2, "crossfade_steps": 2},
+    "ensemble 6": {"execution": "ensemble", "replan_interval": 6},
     **{
-        f"crossfade {interval} over {steps}": {
-            "execution": "crossfade",
-            "replan_interval": interval,
-            "crossfade_steps": steps,
-        }
-        for interval, steps in ((2, 10), (2, 25), (5, 10), (5, 25), (12, 25), (25, 25))
+        f"receding {interval}": {"execution": "receding", "replan_interval": interval}
+        for interval in (1, 2, 6)
     },
     "crossfade 50 over 10": {"execution": "crossfade", "replan_interval": 50, "crossfade_steps": 10},
     "open loop": {"execution": "open_loop", "replan_interval": None},
     "ensemble 25": {"execution": "ensemble", "replan_interval": 25},
     "ensemble 10": {"execution": "ensemble", "replan_interval": 10},
-    "ensemble 5": {"execution": "ensemble", "replan_interval": 5},
     "adaptive 25": {"execution": "adaptive", "replan_interval": 25},
 }
 """Settings of execution, by name."""

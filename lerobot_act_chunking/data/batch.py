@@ -107,13 +107,13 @@ class ActionTarget:
 
     @classmethod
     def from_lerobot(cls, batch: Mapping[str, Any], spec: FeatureSpec, chunk_size: int) -> "ActionTarget":
-        """Pick the action chunk and its padding.
+        """Pick the action chunk and its padding: the first ``chunk_size`` steps of what was loaded.
 
         Raises:
             FeatureError: naming a key that is absent or has another shape than the policy was built for.
         """
-        actions = _take(batch, ACTION, spec.action, ((chunk_size,),))
-        is_pad = _take(batch, ACTION_IS_PAD, (), ((chunk_size,),))
+        actions = _take(_beginning(batch, ACTION, chunk_size), ACTION, spec.action, ((chunk_size,),))
+        is_pad = _take(_beginning(batch, ACTION_IS_PAD, chunk_size), ACTION_IS_PAD, (), ((chunk_size,),))
         _check_batch_sizes({ACTION: actions, ACTION_IS_PAD: is_pad})
         return cls(actions, is_pad)
 
@@ -144,6 +144,14 @@ def first_non_finite(batch: Mapping[str, Any], keys: Iterable[str]) -> str | Non
         if not torch.isfinite(batch[key]).all():
             return key
     return None
+
+
+def _beginning(batch: Mapping[str, Any], key: str, n_steps: int) -> Mapping[str, Any]:
+    """The batch with no more than ``n_steps`` of a key, if it has a longer time axis."""
+    value = batch.get(key)
+    if not isinstance(value, Tensor) or value.ndim < 2 or value.shape[1] <= n_steps:
+        return batch
+    return {**batch, key: value[:, :n_steps]}
 
 
 def _take(

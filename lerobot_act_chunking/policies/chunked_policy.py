@@ -21,6 +21,7 @@ from lerobot_act_chunking.nn.ema import WeightAverage
 from lerobot_act_chunking.policies import late_chunks
 from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
+from lerobot_act_chunking.policies.dataset_defaults import fit_to_dataset
 from lerobot_act_chunking.policies.model_card import WithModelCard
 from lerobot_act_chunking.policies.short_episodes import fit_to_episodes
 from lerobot_act_chunking.policies.statistics import check_statistics
@@ -41,7 +42,8 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
     Args:
         config: its settings, with input and output features.
         dataset_stats: statistics of the training data, checked if given.
-        dataset_meta: LeRobot's metadata of the training data, checked if given. No more of a chunk is
+        dataset_meta: LeRobot's metadata of the training data, checked if given. The length and the execution
+            of chunks follow from it unless they were given (`fit_to_dataset`), and no more of a chunk is
             executed than its longest episode taught, unless ``n_action_steps`` was given.
         load_backbone_weights: fill in ``pretrained_backbone_weights``; not if a checkpoint follows.
 
@@ -74,8 +76,10 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
         if dataset_meta is not None and dataset_meta.episodes is not None:
             config.check_dataset(dataset_meta.features, dataset_meta)
             config.check_fps(dataset_meta.fps)
-            longest = max(dataset_meta.episodes["length"])
-            fit_to_episodes(config, longest, weights_follow=not load_backbone_weights)
+            lengths = dataset_meta.episodes["length"]
+            if load_backbone_weights:
+                fit_to_dataset(config, dataset_meta)
+            fit_to_episodes(config, max(lengths), weights_follow=not load_backbone_weights)
         if dataset_stats is not None:
             check_statistics(config, dataset_stats)
         self.config = config

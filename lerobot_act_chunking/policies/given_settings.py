@@ -22,3 +22,15 @@ class GivenSettings:
             ConfigurationError: they cannot work.
         """
         return type(self)(**{**self._given, **changes})
+
+    def settle(self, **changes: Any) -> None:
+        """Set fields as if they had been given, and what follows from them.
+
+        Raises:
+            ConfigurationError: they cannot work.
+        """
+        before, after = self.variant(), self.variant(**changes)
+        for each in fields(self):  # pyright: ignore[reportArgumentType]
+            if getattr(before, each.name) != (value := getattr(after, each.name)):
+                setattr(self, each.name, value)
+        self._given |= changes
