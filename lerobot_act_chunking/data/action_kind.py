@@ -70,6 +70,8 @@ def dataset_asks_for_changes(folder: Path, features: dict[str, Any], state_keys:
     if not 0 < width <= MOST_DIMENSIONS:
         return False
     rows = _first_rows(folder, (*states, ACTION, "episode_index"))
+    if rows is None:
+        return False
     observed = np.concatenate([rows[key] for key in states], axis=1)
     actions, episode = rows[ACTION], rows["episode_index"][:, 0]
     finite = np.isfinite(observed).all(1) & np.isfinite(actions).all(1)
@@ -78,9 +80,9 @@ def dataset_asks_for_changes(folder: Path, features: dict[str, Any], state_keys:
     return asks_for_changes(observed[finite], actions[finite], episode[finite])
 
 
-def _first_rows(folder: Path, columns: Sequence[str]) -> dict[str, Float[np.ndarray, "F _"]]:
-    """The first `MOST_FRAMES` rows of these columns, or a few more; as many as there are."""
-    parts = {key: [np.empty((0, 0))] for key in columns}
+def _first_rows(folder: Path, columns: Sequence[str]) -> dict[str, Float[np.ndarray, "F _"]] | None:
+    """The first `MOST_FRAMES` rows of these columns, or a few more; None without any."""
+    parts: dict[str, list[np.ndarray]] = {key: [] for key in columns}
     n_frames = 0
     for batch in _batches(folder, columns):
         for key, values in parts.items():
@@ -88,7 +90,7 @@ def _first_rows(folder: Path, columns: Sequence[str]) -> dict[str, Float[np.ndar
         n_frames += len(batch)
         if n_frames >= MOST_FRAMES:
             break
-    return {key: np.concatenate(values[1:] or values) for key, values in parts.items()}
+    return {key: np.concatenate(values) for key, values in parts.items()} if n_frames else None
 
 
 def _batches(folder: Path, columns: Sequence[str]) -> Iterator[Any]:

@@ -85,10 +85,9 @@ def fit_execution(config: ChunkedConfig, meta: Any) -> None:
     """
     if any(config.given(name) for name in EXECUTION) or config.n_action_steps == 1:
         return
-    states = [key for key, each in (config.input_features or {}).items() if each.type in _STATES]
-    if not dataset_asks_for_changes(
-        Path(meta.root), meta.features, [key for key in states if key in meta.features]
-    ):
+    inputs = config.input_features or {}
+    states = [key for key, each in inputs.items() if each.type in _STATES and key in meta.features]
+    if not states or not dataset_asks_for_changes(Path(meta.root), meta.features, states):
         return
     usual, interval = config.execution, max(1, round(REPLAN_S * meta.fps))
     try:
