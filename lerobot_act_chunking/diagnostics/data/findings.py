@@ -56,6 +56,7 @@ class Findings:
         states: what is observed; None without states.
         tracking: lags of the states behind the actions.
         pair_note: how actions and states belong together, where their names do not tell.
+        changes: whether actions are changes of the state, not positions (`asks_for_changes`).
         ways: groups of demonstrations.
         cameras: what they show.
         operators: episodes by who demonstrates; empty where nobody is named.
@@ -69,6 +70,7 @@ class Findings:
     states: Motion | None
     tracking: Tracking
     pair_note: str | None
+    changes: bool
     ways: Ways
     cameras: list[Camera]
     operators: dict[str, int]

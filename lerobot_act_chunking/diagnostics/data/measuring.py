@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from lerobot_act_chunking.data.action_kind import asks_for_changes
 from lerobot_act_chunking.diagnostics.core.noise_floor import measure_noise
 from lerobot_act_chunking.diagnostics.core.tracking import Tracking, track
 from lerobot_act_chunking.diagnostics.data.cameras import Camera
@@ -89,6 +90,7 @@ def measure(
         states=states,
         tracking=tracking,
         pair_note=pairs.note,
+        changes=has_states and _asks_for_changes(recording),
         ways=_ways(recording, actions),
         cameras=cameras,
         operators=dict(sorted(Counter(recording.operators.values()).items())),
@@ -114,6 +116,11 @@ def _track(recording: Recording, actions: Motion) -> tuple[Tracking, Pairs]:
         reach_s=math.inf,
     )
     return tracking, pairs
+
+
+def _asks_for_changes(recording: Recording) -> bool:
+    episode = np.repeat(np.arange(len(recording.episodes)), [len(each) for each in recording.episodes])
+    return asks_for_changes(np.concatenate(recording.states), np.concatenate(recording.actions), episode)
 
 
 def _ways(recording: Recording, actions: Motion) -> Ways:

@@ -13,6 +13,10 @@ NOBODY = (
     "Nothing says who demonstrated: validation cannot be held out by person (name the column with "
     "--operator-column)."
 )
+CHANGES = (
+    "Actions are changes of the state, such as displacements or velocities: policies of this package then "
+    "follow the newest chunk alone (execution=receding), unless another execution is given."
+)
 COUNTED = (
     "{columns} is the number of the frame divided by fps: at which rate frames were really taken is not in "
     "the dataset."
@@ -39,6 +43,8 @@ class DataReport(Report):
         """What to know about the figures, in sentences."""
         found = self.findings
         notes = [*found.actions.floor.notes, *filter(None, [found.pair_note])]
+        if found.changes:
+            notes.append(CHANGES)
         clocks = found.clocks
         if clocks and all(each.counted for each in clocks):
             notes.append(COUNTED.format(columns=" and ".join(repr(each.column) for each in clocks)))
@@ -65,6 +71,7 @@ class DataReport(Report):
             "state": None if found.states is None else _motion_json(found.states),
             "pace_spread": found.pace_spread,
             "episodes": _episodes_json(recording, found),
+            "actions_are_changes": found.changes,
             "lags": _lags_json(found.tracking),
             "ways": asdict(found.ways),
             "cameras": [asdict(each) for each in found.cameras],

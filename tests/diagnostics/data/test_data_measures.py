@@ -106,6 +106,18 @@ def test_actions_that_are_later_states_have_no_lag():
     assert any("nobody commanded anything" in reason for reason in report.reasons)
 
 
+def test_displacements_are_told_from_positions():
+    positions, states = plain(4)
+    steps = [np.diff(rows, axis=0) for rows in states]
+    told = report_of(recording(steps, [rows[:-1] for rows in states]))
+    assert told.findings.changes
+    assert told.content()["actions_are_changes"] is True
+    assert sum("changes of the state" in note for note in told.notes) == 1
+    plainly = report_of(recording(positions, states))
+    assert not plainly.findings.changes
+    assert not any("changes of the state" in note for note in plainly.notes)
+
+
 def test_states_are_paired_with_actions_by_how_they_move():
     actions, states = (np.concatenate(rows) for rows in plain(4))
     shuffled = np.column_stack([np.zeros(len(states)), states[:, [1, 2, 0]]])

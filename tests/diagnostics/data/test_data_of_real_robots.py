@@ -26,6 +26,11 @@ def dimension(report, name, of="actions"):
     return next(each for each in getattr(report.findings, of).behaviours if each.name == name)
 
 
+@pytest.mark.parametrize("name", ["so101_real", "piper55", "open50r", "cloth", "g1"])
+def test_people_command_positions(name):
+    assert not findings(name).findings.changes
+
+
 def test_an_arm_that_waits_at_both_ends():
     report = findings("so101_real")
     rests, states = report.findings.actions.rests, report.findings.states
