@@ -33,7 +33,9 @@ class ActChunkedConfig(ChunkedConfig):
             ``autoregressive`` (observation history, velocities, an autoregressive decoder, a sampled latent).
             Pretrained backbone weights are the exception: no preset asks for them.
         execution: how chunks become actions, a mode of `ExecutionSettings`. ``base`` replans four times a
-            chunk and blends each new one in, ``paper`` runs each chunk to its end, as LeRobot does.
+            chunk and blends each new one in, ``paper`` runs each chunk to its end, as LeRobot does. Where
+            neither it nor an interval is given and the dataset's actions are changes of the state, such as
+            displacements, training chooses ``receding``.
 
         n_obs_steps: number of observations that the policy reads, the current one last.
         obs_stride: control steps between two observations.
@@ -44,7 +46,8 @@ class ActChunkedConfig(ChunkedConfig):
         use_velocity: give the policy the change of the state vectors between the last two observations, too.
         random_shift: training moves images by up to so many pixels each way.
 
-        chunk_size: predicted actions per chunk.
+        chunk_size: predicted actions per chunk. Where it is not given, training makes it shorter for datasets
+            of less than 50 control steps a second and for short episodes.
         actions_per_query: consecutive actions that each decoder query emits; divides ``chunk_size``. 1 is
             ACT; more makes long chunks cheap.
         decoder_type: ``parallel`` decodes all queries at once (ACT); ``autoregressive`` one after the other,

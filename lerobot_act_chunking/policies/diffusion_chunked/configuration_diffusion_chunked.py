@@ -41,8 +41,12 @@ class DiffusionChunkedConfig(ChunkedConfig):
         denoiser: ``mixer`` (fastest on a CPU), ``dit`` (attends to observation tokens) or ``unet1d``
             (Diffusion Policy's).
         n_obs_steps: number of observations that condition a chunk, the current one last.
-        horizon: predicted actions per chunk, ``chunk_stride`` control steps apart.
-        execution: how chunks become actions, a mode of `ExecutionSettings`.
+        horizon: predicted actions per chunk, ``chunk_stride`` control steps apart. Where it is not given,
+            training makes it shorter for datasets of less than 50 control steps a second and for short
+            episodes.
+        execution: how chunks become actions, a mode of `ExecutionSettings`. Where neither it nor an interval
+            is given and the dataset's actions are changes of the state, such as displacements, training
+            chooses ``receding``.
         align: the first predicted action belongs to the ``current`` step, or to the ``first_obs`` as in
             Diffusion Policy, whose chunks begin in the past.
         prediction_type: what the network is asked for: ``velocity`` or ``sample`` (flow), ``epsilon``,

@@ -37,9 +37,12 @@ class VqbetChunkedConfig(ChunkedConfig):
     Attributes (beside those of `ChunkedConfig`):
         preset: ``base`` (ours) or ``paper`` (LeRobot's `vqbet`).
         n_obs_steps: number of observations that the policy reads, the current one last.
-        execution: how chunks become actions, a mode of `ExecutionSettings`.
+        execution: how chunks become actions, a mode of `ExecutionSettings`. Where neither it nor an interval
+            is given and the dataset's actions are changes of the state, such as displacements, training
+            chooses ``receding``.
         chunk_size: predicted actions per chunk, ``chunk_stride`` control steps apart (LeRobot's
-            ``action_chunk_size``).
+            ``action_chunk_size``). Where it is not given, training makes it shorter for datasets of less than
+            50 control steps a second and for short episodes.
         n_action_pred_token: chunks predicted in training from the current step on, each one control step
             later. Only the first one acts; the others, and those of earlier observations, train the network.
         tokenizer: what turns chunks into codes: ``residual_vq`` (VQ-BeT), ``fsq`` (finite scalar
