@@ -2,7 +2,7 @@
 
     python benchmarks/operator_table.py
 
-reads benchmarks/results/operators.json and pushed.json and writes the tables between their marks; a test
+reads benchmarks/results/operators.json, operators_fetch.json and pushed.json and writes the tables between their marks; a test
 compares.
 """
 
@@ -19,6 +19,15 @@ ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
 PAGE = ROOT / "docs" / "studies" / "demonstrators.md"
 COLUMNS = ("crossfade 25 over 50", "crossfade 25 over 10", "ensemble 25", "open loop")
+
+FETCH_COLUMNS = (
+    "receding 2",
+    "receding 6",
+    "open loop",
+    "crossfade 6 over 12",
+    "ensemble 6",
+    "crossfade 25 over 10",
+)
 
 
 def shown(successes: int, episodes: int) -> str:
@@ -53,6 +62,22 @@ def by_interval() -> Iterator[str]:
     yield f"| successes of 200 | {' | '.join(found[interval] for interval in sorted(found))} |"
 
 
+def on_fetch() -> Iterator[str]:
+    cells: dict[tuple[str, str, str], dict[str, Any]] = {}
+    for entry in json.loads((RESULTS / "operators_fetch.json").read_text()):
+        run = entry["run"]
+        cells.setdefault((run["task"], entry["operator"], run["variant"]), {})[entry["execution"]] = entry
+    yield f"| task | person | policy | {' | '.join(FETCH_COLUMNS)} |"
+    yield "|" + "---|" * (len(FETCH_COLUMNS) + 3)
+    for (task, operator, variant), row in sorted(cells.items()):
+        values = [
+            shown(entry["episodes"] - len(entry["failed_seeds"]), entry["episodes"]) if entry else "-"
+            for entry in map(row.get, FETCH_COLUMNS)
+        ]
+        kind = variant.removesuffix("_1500").replace("act_chunked_100", "act_chunked, chunks of 100")
+        yield f"| {task} | `{operator}` | {kind} | {' | '.join(values)} |"
+
+
 def pushed() -> Iterator[str]:
     entries = json.loads((RESULTS / "pushed.json").read_text())
     yield f"| {' | '.join(entry['execution'] for entry in entries)} |"
@@ -62,7 +87,13 @@ def pushed() -> Iterator[str]:
 
 def with_tables(text: str) -> str:
     """The page with its tables as the results have them."""
-    for name, rows in (("operators", by_operator()), ("intervals", by_interval()), ("pushed", pushed())):
+    tables = {
+        "operators": by_operator(),
+        "intervals": by_interval(),
+        "pushed": pushed(),
+        "fetch": on_fetch(),
+    }
+    for name, rows in tables.items():
         mark = f"<!-- {name}: python benchmarks/operator_table.py -->"
         table = "\n".join(rows)
         text = re.sub(
