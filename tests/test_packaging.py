@@ -2,6 +2,7 @@
 
 import ast
 import re
+import runpy
 import subprocess
 import sys
 import tomllib
@@ -111,6 +112,16 @@ def test_the_floor_of_coverage_only_rises():
     done = subprocess.run(log, cwd=ROOT, capture_output=True, text=True, check=False)
     before = [float(number) for number in re.findall(r"^\+fail_under = ([\d.]+)", done.stdout, re.MULTILINE)]
     assert floor >= max(before, default=0), "raise fail_under, or cover what was covered"
+
+
+@pytest.mark.parametrize(
+    ("floor", "covered", "after"), [(0, 93.7, 93), (93, 93.9, 93), (95, 93.7, 95), (93, 94.0, 94)]
+)
+def test_the_floor_of_coverage_rises_to_what_is_covered(floor, covered, after):
+    raised = runpy.run_path(str(ROOT / ".ci" / "coverage_floor.py"))["raised"]
+    assert (
+        raised(f"x = 1\nfail_under = {floor}  # only\n", covered) == f"x = 1\nfail_under = {after}  # only\n"
+    )
 
 
 def test_the_version_is_the_same_everywhere():
