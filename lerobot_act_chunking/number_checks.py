@@ -1,4 +1,4 @@
-"""Refuses numbers below what can work, for settings that are no fields of a policy (`policies.ranges`)."""
+"""Refuses numbers below what can work, for settings that are no fields of a policy (`ranges`)."""
 
 import math
 

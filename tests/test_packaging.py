@@ -1,6 +1,9 @@
 """What the package imports is what it declares, with floors that it was seen to work with."""
 
 import ast
+import re
+import runpy
+import subprocess
 import sys
 import tomllib
 from importlib import metadata
@@ -38,24 +41,37 @@ def imported_names(tree):
             yield from (arg.value for arg in node.args[:1] if isinstance(arg, ast.Constant))
 
 
-def third_party(files):
-    """Distributions that these files import, each with one of the files."""
+def third_party(files, own=()):
+    """Distributions that these files import, each with one of the files; ``own`` are modules beside them."""
     found = {}
     for file in files:
         for name in imported_names(ast.parse(file.read_text())):
             top = name.split(".")[0]
-            if top not in sys.stdlib_module_names and top != PACKAGE.name:
+            if top not in sys.stdlib_module_names and top != PACKAGE.name and top not in own:
                 assert top in DISTRIBUTIONS, f"{file} imports {top}, which no distribution here has"
                 found[canonicalize_name(DISTRIBUTIONS[top][0])] = file.relative_to(ROOT)
     return found
 
 
 IMPORTED = third_party(PACKAGE.rglob("*.py"))
+DEVELOPMENT = requirements(PROJECT["dependency-groups"]["dev"])
 
 
 def test_every_import_is_declared():
     missing = {name: str(file) for name, file in IMPORTED.items() if name not in DECLARED | OPTIONAL}
     assert missing == {}
+
+
+@pytest.mark.parametrize("folder", ["tests", "benchmarks", "examples"])
+def test_every_import_beside_the_package_is_declared(folder):
+    files = [*(ROOT / folder).rglob("*.py")]
+    own = {
+        file.stem for file in (*files, *(ROOT / "benchmarks").glob("*.py"), *(ROOT / "examples").glob("*.py"))
+    }
+    folders = {file.parent.name for file in files}
+    found = third_party(files, own | folders)
+    declared = DECLARED | OPTIONAL | DEVELOPMENT
+    assert {name: str(file) for name, file in found.items() if name not in declared} == {}
 
 
 def test_everything_declared_is_imported():
@@ -88,3 +104,30 @@ def test_floors_below_which_the_package_does_not_work():
     vector_quantize = DECLARED["vector-quantize-pytorch"].specifier
     assert "1.30.0" not in vector_quantize
     assert "1.30.1" in vector_quantize
+
+
+def test_the_floor_of_coverage_only_rises():
+    floor = PROJECT["tool"]["coverage"]["report"]["fail_under"]
+    log = ["git", "log", "--format=", "--patch", "-G", "^fail_under", "--", "pyproject.toml"]
+    done = subprocess.run(log, cwd=ROOT, capture_output=True, text=True, check=False)
+    before = [float(number) for number in re.findall(r"^\+fail_under = ([\d.]+)", done.stdout, re.MULTILINE)]
+    assert floor >= max(before, default=0), "raise fail_under, or cover what was covered"
+
+
+@pytest.mark.parametrize(
+    ("floor", "covered", "after"), [(0, 93.7, 93), (93, 93.9, 93), (95, 93.7, 95), (93, 94.0, 94)]
+)
+def test_the_floor_of_coverage_rises_to_what_is_covered(floor, covered, after):
+    raised = runpy.run_path(str(ROOT / ".ci" / "coverage_floor.py"))["raised"]
+    assert (
+        raised(f"x = 1\nfail_under = {floor}  # only\n", covered) == f"x = 1\nfail_under = {after}  # only\n"
+    )
+
+
+def test_the_version_is_the_same_everywhere():
+    version = PROJECT["project"]["version"]
+    (cited,) = re.findall(r"^version: (.+)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
+    assert cited == version
+    newest, *older = re.findall(r"^## (.+)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    released = [title.split(" - ")[0] for title in ([*older] if newest == "Unreleased" else [newest, *older])]
+    assert version == released[0] if released else newest == "Unreleased"

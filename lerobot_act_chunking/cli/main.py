@@ -6,7 +6,6 @@ Nothing here imports torch or LeRobot, so that ``--help`` answers at once; each 
 import sys
 
 import typer
-from rich.console import Console
 
 from lerobot_act_chunking.cli import hub
 from lerobot_act_chunking.cli.bandwidth import bandwidth_command
@@ -18,16 +17,14 @@ from lerobot_act_chunking.cli.motion import motion_command
 from lerobot_act_chunking.cli.quickstart import quickstart_command
 from lerobot_act_chunking.cli.record import record_command
 from lerobot_act_chunking.cli.resolution import resolution_command
+from lerobot_act_chunking.cli.running import run
 from lerobot_act_chunking.cli.settings import settings_command
 from lerobot_act_chunking.cli.smoothness import smoothness_command
 from lerobot_act_chunking.cli.steps import steps_command
 from lerobot_act_chunking.cli.train_tokenizer import train_tokenizer_command
 from lerobot_act_chunking.cli.tune import tune_command
 from lerobot_act_chunking.cli.wrap import wrap_command
-from lerobot_act_chunking.errors import ActChunkingError
 
-REFUSED = 1
-STOPPED = 130  # what shells report after Ctrl-C
 EXIT_STATUS = (
     "Exit status: 0 done, or a verdict that is no failure; 1 refused, with the reason; 2 wrong usage; "
     "10 a verdict of inconclusive; 11 of fail; 130 stopped by Ctrl-C."
@@ -63,29 +60,7 @@ app.add_typer(hub.app, name="hub")
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command line; returns the exit status, as `EXIT_STATUS` lists them."""
-    console = Console(stderr=True)
-    try:
-        status = app(args=argv, prog_name="act-chunking", standalone_mode=False)
-    except ActChunkingError as error:
-        console.print(f"[red]error:[/] {error}", highlight=False, soft_wrap=True)
-        return REFUSED
-    except (KeyboardInterrupt, typer.Abort):
-        status = STOPPED
-    except Exception as error:
-        if not hasattr(error, "exit_code"):
-            raise
-        _show_usage_error(error)
-        return int(error.exit_code)  # pyright: ignore[reportAttributeAccessIssue]
-    if status == STOPPED:  # typer may also return it, having caught Ctrl-C itself
-        console.print("\nstopped; run the same command again to go on from here")
-    return status if isinstance(status, int) else 0
-
-
-def _show_usage_error(error: Exception) -> None:
-    """Click's own errors know how to print themselves (``Exit`` has nothing to say)."""
-    show = getattr(error, "show", None)
-    if show is not None:
-        show(file=sys.stderr)
+    return run(app, argv, "act-chunking")
 
 
 if __name__ == "__main__":

@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 def finish[R: Report](
     report: R,
     show: Callable[[R, Console], None],
-    draw: Callable[[R, Path], Path],
+    draw: Callable[[R, Path], Path] | None = None,
     *,
     json: Path | None,
-    picture: Path | None,
+    picture: Path | None = None,
     made: Sequence[str] = (),
 ) -> NoReturn:
     """Write a report's files, print it, and exit with its status.
@@ -27,7 +27,7 @@ def finish[R: Report](
     Args:
         report: of any instrument.
         show: prints it.
-        draw: makes a PNG of it, and returns its path.
+        draw: makes a PNG of it, and returns its path; None where the instrument has no picture.
         json: where its numbers go, if anywhere.
         picture: where the PNG goes, if anywhere.
         made: lines on what else the command has made.
@@ -38,7 +38,7 @@ def finish[R: Report](
     written = [*made]
     if json is not None:
         written.append(f"numbers: {report.write(json)}")
-    if picture is not None:
+    if draw is not None and picture is not None:
         written.append(f"picture: {draw(report, picture)}")
     console = Console()
     show(report, console)

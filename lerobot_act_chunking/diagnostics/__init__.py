@@ -1,6 +1,7 @@
 """Instruments: what a policy, its execution or its data are like, before a robot moves.
 
-Each is a package of its own, built on `core` and on no other instrument, with the same files::
+Each is built on `core` and on no other instrument. A small one is a module (`examples/own_instrument.py` is
+one in 60 lines); the others are packages with the same files::
 
     settings.py    what is requested: Settings
     diagnosis.py   the way in: diagnose(settings) -> Report

@@ -1,11 +1,11 @@
 """Everything that an action head is built from."""
 
-import math
 from dataclasses import dataclass, fields
 from typing import Any
 
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.heads.categorical_bins import tail_bins
+from lerobot_act_chunking.ranges import RANGES, check_ranges
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,24 +51,17 @@ class HeadSpec:
         Raises:
             ConfigurationError: naming the value and the way out.
         """
-        self._check_range("nll_beta", 0.0, 1.0)
-        self._check_range("action_temperature", 0.0)
-        if not 0 < self.min_std < 1:
+        check_ranges(self, *(field.name for field in fields(self) if field.name in RANGES))
+        least = 2 * (1 + tail_bins(self.hl_gauss_sigma))
+        if self.n_bins < least:
             raise ConfigurationError(
-                f"min_std={self.min_std} must be above 0 and below 1: normalised actions have a standard "
-                "deviation of about 1"
+                f"n_bins={self.n_bins} must be at least {least} with hl_gauss_sigma={self.hl_gauss_sigma}, "
+                "whose soft targets need tails"
             )
-        self._check_range("n_components", 1.0)
-        self._check_range("hl_gauss_sigma", 0.0)
-        self._check_range("n_bins", 2.0 * (1 + tail_bins(self.hl_gauss_sigma)))
-        self._check_range("soft_local_bins", 0.0)
-        self._check_range("action_top_k", 0.0, float(self.n_bins))
-
-    def _check_range(self, name: str, least: float, most: float = math.inf) -> None:
-        value = getattr(self, name)
-        if not (least <= value <= most and math.isfinite(value)):
-            limits = f"at least {least:g}" + (f" and at most {most:g}" if most < math.inf else ", and finite")
-            raise ConfigurationError(f"{name}={value} must be {limits}")
+        if self.action_top_k > self.n_bins:
+            raise ConfigurationError(
+                f"action_top_k={self.action_top_k} must be at most n_bins={self.n_bins}: 0 takes all"
+            )
 
 
 @dataclass(frozen=True)

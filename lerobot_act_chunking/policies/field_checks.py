@@ -1,7 +1,6 @@
 """Refuses values of the wrong kind or out of range, field by field, before anything is made of them."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import fields
 from enum import Enum
 from functools import cache
@@ -12,7 +11,7 @@ from lerobot.configs import PreTrainedConfig
 
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 from lerobot_act_chunking.policies.choices import choices_of
-from lerobot_act_chunking.policies.ranges import RANGES
+from lerobot_act_chunking.ranges import RANGES, check_ranges
 
 # LeRobot answers for its own fields, but this one is a number of ours, too.
 _SHARED = ("n_obs_steps",)
@@ -36,6 +35,8 @@ def check_fields(config: PreTrainedConfig) -> None:
         if name in choices and value not in choices[name]:
             raise unknown_choice(name, value, choices[name])
         _check(name, value, hint)
+        if name in RANGES:
+            check_ranges(config, name)
 
 
 @cache
@@ -60,8 +61,6 @@ def _check(name: str, value: Any, hint: Any) -> None:
     elif not _fits(value, hint):
         limits = f", {RANGES[name]}" if name in RANGES else ""
         raise ConfigurationError(f"{name}={value!r} must be {_described(hint)}{limits}")
-    elif name in RANGES and not all(number in RANGES[name] for number in _numbers(value)):
-        raise ConfigurationError(f"{name}={value} must be {RANGES[name]}")
 
 
 def _fits(value: Any, hint: Any) -> bool:
@@ -91,11 +90,3 @@ def _described(hint: Any) -> str:
     if origin is dict:
         return f"a mapping from texts, each value {_described(inner[1])}"
     return _KINDS.get(hint, getattr(hint, "__name__", str(hint)))
-
-
-def _numbers(value: Any) -> Iterator[float]:
-    """The numbers in a field of one, or of a list of them."""
-    if isinstance(value, list | tuple):
-        yield from value
-    else:
-        yield value

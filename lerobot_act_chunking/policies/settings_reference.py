@@ -20,7 +20,7 @@ from lerobot_act_chunking.policies.choices import choices_of
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields
 from lerobot_act_chunking.policies.field_checks import own_fields
-from lerobot_act_chunking.policies.ranges import RANGES, Range
+from lerobot_act_chunking.ranges import RANGES, Range
 
 PACKAGE = "lerobot_act_chunking."
 GROUPS = ("this policy", "all policies of this package", "chunk execution")

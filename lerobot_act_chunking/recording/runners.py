@@ -1,15 +1,15 @@
 """Running attempts, here or in worker processes; either way each ends as a file in the episode store."""
 
-import multiprocessing
-import signal
-from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from functools import partial
 from multiprocessing.connection import Connection, wait
 from typing import Protocol, Self, cast
 
 from lerobot_act_chunking.errors import DatasetError
-from lerobot_act_chunking.recording.episode import DatasetFormat, Episode, EpisodeSource, check_episode
+from lerobot_act_chunking.recording.episode import EpisodeSource, check_episode
 from lerobot_act_chunking.recording.staging import EpisodeStore
+from lerobot_act_chunking.worker_processes import WorkerProcesses
 
 
 class Runner(Protocol):
@@ -39,16 +39,16 @@ class InlineRunner:
     def __init__(self, source: EpisodeSource, store: EpisodeStore) -> None:
         self._source, self._store = source, store
         self._resources = ExitStack()
-        self._play: Callable[[int], Episode] | None = None
+        self._attempt: Callable[[int], tuple[int, bool]] | None = None
 
     def submit(self, seed: int) -> None:
         """Nothing to do ahead of time."""
 
     def succeeded(self, seed: int) -> bool:
         """Run the attempt."""
-        if self._play is None:
-            self._play = self._resources.enter_context(self._source.open())
-        return _attempt(self._play, self._source.format, self._store, seed)
+        if self._attempt is None:
+            self._attempt = self._resources.enter_context(_attempts(self._source, self._store))
+        return self._attempt(seed)[1]
 
     def __enter__(self) -> Self:
         return self
@@ -58,83 +58,49 @@ class InlineRunner:
 
 
 class WorkerPool:
-    """Runs attempts in ``workers`` fresh processes.
-
-    Unlike an executor's, these workers end at once when the recorder is interrupted, and by themselves after
-    their current attempt when it is killed: their pipe to it breaks.
-    """
+    """Runs attempts in ``workers`` fresh processes."""
 
     def __init__(self, source: EpisodeSource, store: EpisodeStore, workers: int) -> None:
-        context = multiprocessing.get_context("spawn")
+        self._workers = WorkerProcesses(partial(_attempts, source, store), workers, _worker_died)
         self._outcomes: dict[int, bool] = {}
-        self._queued: dict[Connection, int] = {}
-        self._processes = []
-        for _ in range(workers):
-            ours, theirs = context.Pipe()
-            process = context.Process(target=_work, args=(theirs, source, store), daemon=True)
-            process.start()
-            theirs.close()
-            self._processes.append(process)
-            self._queued[cast(Connection, ours)] = 0
+        self._queued = dict.fromkeys(self._workers.connections, 0)
 
     def submit(self, seed: int) -> None:
         """Queue the attempt with the worker that has least to do."""
         connection = min(self._queued, key=self._queued.__getitem__)
-        try:
-            connection.send(seed)
-        except OSError as error:
-            raise _worker_died() from error
+        self._workers.send(connection, seed)
         self._queued[connection] += 1
 
     def succeeded(self, seed: int) -> bool:
         """Wait for the attempt; a worker's error is raised here."""
         while seed not in self._outcomes:
-            for connection in wait(list(self._queued)):
-                self._receive(cast(Connection, connection))
+            for ready in wait(list(self._queued)):
+                connection = cast(Connection, ready)
+                finished, success = self._workers.receive(connection)
+                self._outcomes[finished] = success
+                self._queued[connection] -= 1
         return self._outcomes.pop(seed)
-
-    def _receive(self, connection: Connection) -> None:
-        try:
-            answer = connection.recv()
-        except (EOFError, OSError) as error:
-            raise _worker_died() from error
-        if isinstance(answer, BaseException):
-            raise answer
-        seed, success = answer
-        self._outcomes[seed] = success
-        self._queued[connection] -= 1
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        for process in self._processes:
-            process.terminate()
-        for process in self._processes:
-            process.join()
+        self._workers.__exit__()
 
 
-def _work(connection: Connection, source: EpisodeSource, store: EpisodeStore) -> None:
-    """A worker's life: a seed comes, an outcome goes, until the recorder ends it or is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the recorder decides
-    try:
-        with source.open() as play:
-            while True:
-                seed = connection.recv()
-                connection.send((seed, _attempt(play, source.format, store, seed)))
-    except EOFError:
-        return
-    except Exception as error:
-        with suppress(OSError):  # nobody listens when the recorder was killed
-            connection.send(error)
+@contextmanager
+def _attempts(source: EpisodeSource, store: EpisodeStore) -> Iterator[Callable[[int], tuple[int, bool]]]:
+    """Runs the attempt of a seed: the seed, and whether it succeeded."""
+    with source.open() as play:
 
+        def attempt(seed: int) -> tuple[int, bool]:
+            episode = play(seed)
+            if episode.success:
+                check_episode(episode, source.format)
+            store.save(episode)
+            return seed, episode.success
 
-def _attempt(play: Callable[[int], Episode], form: DatasetFormat, store: EpisodeStore, seed: int) -> bool:
-    episode = play(seed)
-    if episode.success:
-        check_episode(episode, form)
-    store.save(episode)
-    return episode.success
+        yield attempt
 
 
 def _worker_died() -> DatasetError:

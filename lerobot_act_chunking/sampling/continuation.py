@@ -14,7 +14,7 @@ Jacobian = Literal["exact", "identity"]
 
 
 def prefix_weights(
-    n_frozen: int, blend_end: int, horizon: int, schedule: PrefixSchedule = "exp"
+    n_frozen: int, blend_end: int, horizon: int, schedule: PrefixSchedule
 ) -> Float[Tensor, " horizon"]:
     """How much a new chunk is held to the plan at each of its steps (Black et al. 2025, eq. 5).
 
@@ -64,8 +64,8 @@ def continued(
     plan: Float[Tensor, "B T A"],
     weights: Float[Tensor, "#B T"],
     *,
-    vjp: Jacobian = "exact",
-    max_weight: float = 5.0,
+    vjp: Jacobian,
+    max_weight: float,
 ) -> Denoise:
     """Guide a denoiser towards chunks that continue a plan (real-time chunking, arXiv 2506.07339, eq. 2-5).
 

@@ -122,11 +122,10 @@ class Diffusion(Process):
     name: ClassVar[str] = "ddpm"
     clean_time: ClassVar[float] = -1
     prediction_types: ClassVar[tuple[str, ...]] = ("epsilon", "v_prediction", "sample")
-    prediction_type: str = "epsilon"
-    num_train_timesteps: int = 100
-    beta_schedule: str = "squaredcos_cap_v2"
-    beta_start: float = 1e-4
-    beta_end: float = 0.02
+    num_train_timesteps: int
+    beta_schedule: str
+    beta_start: float
+    beta_end: float
     _tables: dict[torch.device, Tensor] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -191,8 +190,7 @@ class Flow(Process):
     name: ClassVar[str] = "flow"
     clean_time: ClassVar[float] = 1
     prediction_types: ClassVar[tuple[str, ...]] = ("velocity", "sample")
-    prediction_type: str = "velocity"
-    time_distribution: str = "uniform"
+    time_distribution: str
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -237,7 +235,6 @@ class TwoStep(Process):
     name: ClassVar[str] = "two_step"
     clean_time: ClassVar[float] = 1
     prediction_types: ClassVar[tuple[str, ...]] = ("sample",)
-    prediction_type: str = "sample"
     refine_time: float = 0.9
 
     def __post_init__(self) -> None:

@@ -85,7 +85,7 @@ def check_sampler(
     name: str,
     num_inference_steps: int,
     *,
-    num_train_timesteps: int = 100,
+    num_train_timesteps: int,
     spacing: str | None = None,
     strength: float = 1.0,
     clip_mode: str = "consistent",

@@ -8,6 +8,7 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.ranges import check_ranges
 from lerobot_act_chunking.tokenizers.bins import from_bins, to_bins
 from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
 from lerobot_act_chunking.tokenizers.tokenizer import ActionTokenizer
@@ -55,7 +56,7 @@ class DctTokenizer(ActionTokenizer):
         Raises:
             ConfigurationError: naming the value.
         """
-        spec.check_least(2, "n_bins")
+        check_ranges(spec, "n_bins")
         if not 1 <= spec.dct_coefficients <= spec.chunk_size:
             raise ConfigurationError(
                 f"dct_coefficients={spec.dct_coefficients} must be at least 1 and at most "

@@ -7,6 +7,7 @@ from jaxtyping import Bool, Float, Int64
 from torch import Tensor, nn
 
 from lerobot_act_chunking.errors import look_up
+from lerobot_act_chunking.ranges import check_ranges
 from lerobot_act_chunking.tokenizers.coders import CODERS, make_coders
 from lerobot_act_chunking.tokenizers.quantizers import Quantizer
 from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
@@ -50,7 +51,7 @@ class LearnedTokenizer(ActionTokenizer):
             ConfigurationError: naming the value and the way out.
         """
         look_up("vqvae_coder", spec.vqvae_coder, CODERS)
-        spec.check_least(1, "vqvae_num_layers", "vqvae_embedding_dim", "vqvae_enc_hidden_dim")
+        check_ranges(spec, "vqvae_num_layers", "vqvae_embedding_dim", "vqvae_enc_hidden_dim")
 
     @staticmethod
     def coders(spec: TokenizerSpec) -> tuple[nn.Module, nn.Module]:

@@ -3,6 +3,8 @@
 from typing import Any
 
 from lerobot_act_chunking.errors import look_up
+from lerobot_act_chunking.number_checks import check_at_least
+from lerobot_act_chunking.ranges import check_ranges
 from lerobot_act_chunking.tokenizers.dct import DctTokenizer
 from lerobot_act_chunking.tokenizers.fsq import FsqTokenizer
 from lerobot_act_chunking.tokenizers.residual_vq import ResidualVqTokenizer
@@ -26,7 +28,8 @@ def check_tokenizer(spec: TokenizerSpec) -> None:
         ConfigurationError: naming the value and the way out.
     """
     tokenizer = look_up("tokenizer", spec.tokenizer, TOKENIZERS)
-    spec.check_least(1, "chunk_size", "action_dim")
+    check_ranges(spec, "chunk_size")
+    check_at_least(1, action_dim=spec.action_dim)
     tokenizer.check(spec)
 
 

@@ -3,6 +3,7 @@
 from typing import ClassVar
 
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.ranges import check_ranges
 from lerobot_act_chunking.tokenizers.learned import LearnedTokenizer
 from lerobot_act_chunking.tokenizers.quantizers import MovingCodebooks
 from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
@@ -38,13 +39,9 @@ class ResidualVqTokenizer(LearnedTokenizer):
             ConfigurationError: naming the value and the way out.
         """
         super().check(spec)
-        spec.check_least(2, "vqvae_n_embed")
-        spec.check_least(0, "kmeans_iters", "dead_code_threshold", "commitment_weight")
-        if not 0 <= spec.vqvae_decay < 1:
-            raise ConfigurationError(
-                f"vqvae_decay={spec.vqvae_decay} must be at least 0 and below 1: the share that the "
-                "codebook's moving average keeps in each step"
-            )
+        check_ranges(
+            spec, "vqvae_n_embed", "vqvae_decay", "kmeans_iters", "dead_code_threshold", "commitment_weight"
+        )
         if spec.rotation_trick and spec.vqvae_embedding_dim == 1:
             raise ConfigurationError(
                 "rotation_trick needs a direction to turn, and vqvae_embedding_dim=1 has none: use more "

@@ -1,10 +1,7 @@
 """Everything that a tokenizer is built from."""
 
-import math
 from dataclasses import dataclass, fields
 from typing import Any
-
-from lerobot_act_chunking.errors import ConfigurationError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,14 +60,3 @@ class TokenizerSpec:
         """The spec with these values, as read from JSON or YAML."""
         levels: Any = tuple(values["fsq_levels"])
         return cls(**{**values, "fsq_levels": levels})
-
-    def check_least(self, least: int, *names: str) -> None:
-        """Refuse values of these settings that are below ``least``, or not finite.
-
-        Raises:
-            ConfigurationError: naming the value.
-        """
-        for name in names:
-            value = getattr(self, name)
-            if not (value >= least and math.isfinite(value)):
-                raise ConfigurationError(f"{name}={value} must be at least {least}, and finite")

@@ -6,6 +6,7 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
+from lerobot_act_chunking.ranges import check_ranges
 from lerobot_act_chunking.tokenizers.bins import from_bins, to_bins
 from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
 from lerobot_act_chunking.tokenizers.tokenizer import ActionTokenizer
@@ -46,7 +47,7 @@ class UniformTokenizer(ActionTokenizer):
         Raises:
             ConfigurationError: naming the value.
         """
-        spec.check_least(2, "n_bins")
+        check_ranges(spec, "n_bins")
 
     @torch.no_grad()
     def encode(self, actions: Float[Tensor, "N C A"]) -> Int64[Tensor, "N G"]:

@@ -1,6 +1,10 @@
 """What the tests of all heads share."""
 
+from lerobot_act_chunking.heads.make import HEADS
+from lerobot_act_chunking.heads.regression import RegressionHead
 from lerobot_act_chunking.heads.spec import HeadSpec
+
+SAMPLED = [name for name, head in HEADS.items() if not issubclass(head, RegressionHead)]
 
 USUAL = {
     "action_likelihood": "l1",

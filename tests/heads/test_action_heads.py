@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from head_cases import head_spec
+from head_cases import SAMPLED, head_spec
 
 from lerobot_act_chunking.heads.make import HEADS, make_action_head
 from lerobot_act_chunking.heads.spec import HeadSize
@@ -10,7 +10,6 @@ from lerobot_act_chunking.heads.spec import HeadSize
 B, Q, D, A, S = 3, 5, 16, 4, 2
 T = Q * S
 IS_PAD = torch.arange(T) >= torch.tensor([[T], [7], [3]])
-SAMPLED = [name for name in HEADS if name not in ("l1", "l2")]
 
 
 def make(likelihood, temperature=0.0, **settings):
@@ -140,7 +139,7 @@ def test_extreme_draws_are_finite(likelihood, features):
 
 @pytest.mark.parametrize("likelihood", HEADS)
 def test_wrong_draws_are_refused(likelihood, features):
-    head = make(likelihood, 0.0 if likelihood in ("l1", "l2") else 1.0)
+    head = make(likelihood, 1.0 if likelihood in SAMPLED else 0.0)
     with pytest.raises(ValueError, match=r"draws of shape \(99,\) for each chunk, but this head needs"):
         head.actor(torch.rand(B, 99))
     if head.draws_shape:

@@ -180,6 +180,26 @@ def test_a_blob_that_a_push_under_way_announced_survives_deletion(
     assert verify(repository).unreferenced == entry.size
 
 
+@pytest.mark.parametrize("newest", [0, 1])
+def test_of_several_dropped_revisions_the_newest_that_showed_a_blob_counts(
+    repository: Repository, api: HfApi, folder: Path, newest: int
+):
+    """A blob announced between two of them belongs to the newer one, in whatever order they are dropped."""
+    (folder / "notes.bin").write_bytes(b"of two revisions")
+    dropped = []
+    for number in range(2):
+        (folder / "model.safetensors").write_bytes(os.urandom(60_000 + number))
+        dropped.append(api.upload_folder(repo_id="me/act", folder_path=folder).oid)
+    api.delete_file("notes.bin", "me/act")
+    (blob,) = {repository.blob(repository.commit(each).files["notes.bin"].digest) for each in dropped}
+    announced = blob.lstat().st_mtime
+    for number, commit_id in enumerate(dropped):
+        moment = announced + (100 if number == newest else -100)
+        os.utime(repository.commit_folder / f"{commit_id}.json", (moment, moment))
+    garbage_collection.delete_history(repository)
+    assert not blob.exists()
+
+
 def test_what_killed_pushes_left_is_freed_when_it_is_old(
     repository: Repository, versions: list[str], monkeypatch: pytest.MonkeyPatch
 ):

@@ -411,9 +411,9 @@ def test_metrics_of_latent_health():
         ({"latent_warmup_steps": 0}, "latent_warmup_steps=0 must be at least 1"),
         (
             {"z_temperature": 0.0},
-            "z_temperature=0.0 must be above 0 and finite: set z_temperature=1, with z_inference=mode",
+            "z_temperature=0.0 must be above 0 and at most 100: set z_temperature=1",
         ),
-        ({"z_temperature": float("inf")}, "z_temperature=inf must be above 0 and finite"),
+        ({"z_temperature": float("inf")}, "z_temperature=inf must be above 0 and at most 100"),
     ],
 )
 def test_settings_that_cannot_work(settings, message):

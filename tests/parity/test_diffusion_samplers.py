@@ -37,7 +37,13 @@ def sample(
     model: DiffusionModel, noise: Tensor, condition: Tensor, generator: torch.Generator | None
 ) -> Tensor:
     config = model.config
-    process = Diffusion(config.prediction_type, config.num_train_timesteps, config.beta_schedule)
+    process = Diffusion(
+        config.prediction_type,
+        config.num_train_timesteps,
+        config.beta_schedule,
+        config.beta_start,
+        config.beta_end,
+    )
     sampler = make_sampler(
         process,
         config.noise_scheduler_type.lower(),

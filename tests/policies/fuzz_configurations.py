@@ -11,7 +11,7 @@ from policy_cases import MODULES, TYPES
 from lerobot_act_chunking.execution.settings import Kernel, Mode, Weighting
 from lerobot_act_chunking.policies.choices import choices_of
 from lerobot_act_chunking.policies.field_checks import own_fields
-from lerobot_act_chunking.policies.ranges import RANGES
+from lerobot_act_chunking.ranges import RANGES
 
 HOSTILE = (0, -1, 10**7, 10**12, 2**70, 0.5, -0.5, 1e300, float("nan"), float("inf"), -float("inf"))
 HOSTILE += (None, "", "other", True, [], [0], [10**7], (1, 2, 3), {}, {"a": 1})  # of other kinds

@@ -14,7 +14,7 @@ from tiers import draws
 
 from lerobot_act_chunking.errors import ConfigurationError, FeatureError
 from lerobot_act_chunking.policies.field_checks import own_fields
-from lerobot_act_chunking.policies.ranges import RANGES
+from lerobot_act_chunking.ranges import RANGES
 
 B = 3
 

@@ -72,7 +72,7 @@ def note_workers(file):
 
     def wrapper(self, *args):
         start(self, *args)
-        file.write_text(" ".join(str(process.pid) for process in self._processes))
+        file.write_text(" ".join(str(process.pid) for process in self._workers.processes))
 
     WorkerPool.__init__ = wrapper
 

@@ -63,7 +63,7 @@ def test_workers_leave_ctrl_c_to_the_recorder_and_end_with_it(tmp_path):
     with WorkerPool(FakeSource(), EpisodeStore(tmp_path), 1) as runner:
         runner.submit(0)
         assert runner.succeeded(0)
-        processes = runner._processes
+        processes = runner._workers.processes
         os.kill(processes[0].pid, signal.SIGINT)
         time.sleep(0.1)
         for seed in (1, 2):

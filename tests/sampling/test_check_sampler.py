@@ -1,7 +1,7 @@
 import pytest
+from processes import make_diffusion
 
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.sampling.process import Diffusion
 from lerobot_act_chunking.sampling.samplers import check_sampler, make_sampler
 
 
@@ -52,11 +52,11 @@ from lerobot_act_chunking.sampling.samplers import check_sampler, make_sampler
 )
 def test_impossible_settings_are_refused(process: str, name: str, n: int, settings, message: str):
     with pytest.raises(ConfigurationError, match=message):
-        check_sampler(process, name, n, **settings)
+        check_sampler(process, name, n, num_train_timesteps=100, **settings)
 
 
 def test_making_a_sampler_checks_its_settings_against_the_process():
     with pytest.raises(ConfigurationError, match="11, is above num_train_timesteps, 10"):
-        make_sampler(Diffusion(num_train_timesteps=10), "ddim", 11)
+        make_sampler(make_diffusion(num_train_timesteps=10), "ddim", 11)
     with pytest.raises(ConfigurationError, match="dpm\\+\\+ with 6 of 10"):
-        make_sampler(Diffusion(num_train_timesteps=10), "dpm++", 6)
+        make_sampler(make_diffusion(num_train_timesteps=10), "dpm++", 6)

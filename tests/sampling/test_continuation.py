@@ -4,8 +4,8 @@ import torch
 from torch import nn
 
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.sampling import continuation
 from lerobot_act_chunking.sampling.continuation import (
-    continued,
     covered_steps,
     guidance_strengths,
     held,
@@ -45,7 +45,11 @@ def denoiser(dtype=torch.float64):
     return lambda x, i: network(x, i, memory[: len(x)])
 
 
-SOFT = prefix_weights(1, 4, T)[None].double()
+def continued(*arguments, vjp="exact", max_weight=5.0):
+    return continuation.continued(*arguments, vjp=vjp, max_weight=max_weight)
+
+
+SOFT = prefix_weights(1, 4, T, "exp")[None].double()
 
 
 class TestPrefixWeights:
@@ -56,7 +60,7 @@ class TestPrefixWeights:
     def test_exp_falls_as_in_the_paper(self):
         falling = torch.tensor([1, 1, 0.8, 0.6, 0.4, 0.2, 0, 0, 0, 0], dtype=torch.float64)
         expected = falling * (falling.exp() - 1) / (torch.e - 1)
-        torch.testing.assert_close(prefix_weights(2, 6, 10).double(), expected, rtol=0, atol=1e-6)
+        torch.testing.assert_close(prefix_weights(2, 6, 10, "exp").double(), expected, rtol=0, atol=1e-6)
 
     def test_hard_schedules_hold_to_all_of_the_plan_or_to_the_frozen_steps(self):
         assert prefix_weights(2, 4, 6, "ones").tolist() == [1, 1, 1, 1, 0, 0]
@@ -224,7 +228,7 @@ def errors(gaussian, n_frozen, n_steps, **guidance):
     """
     times = torch.arange(n_steps, dtype=torch.float64) / n_steps
     chunks = gaussian.draw(20)
-    weights = prefix_weights(n_frozen, n_frozen, gaussian.n)[None]
+    weights = prefix_weights(n_frozen, n_frozen, gaussian.n, "exp")[None]
     denoise = gaussian.denoiser(times, 1 - times)
     guided = continued(denoise, times, 1 - times, chunks[..., None], weights, **guidance)
     x = torch.zeros_like(chunks)[..., None]

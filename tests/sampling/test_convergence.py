@@ -7,9 +7,10 @@ from itertools import pairwise
 import pytest
 import torch
 from oracles import Gaussian, Mixture
+from processes import make_diffusion, make_flow
 from torch import Tensor
 
-from lerobot_act_chunking.sampling.process import Diffusion, Flow, Process
+from lerobot_act_chunking.sampling.process import Process
 from lerobot_act_chunking.sampling.samplers import make_sampler
 
 
@@ -30,7 +31,7 @@ FLOW_ORDERS = pytest.mark.parametrize(
 @FLOW_ORDERS
 def test_order_of_flow_solvers(name: str, order: int):
     """With their special last step, on a field that is not linear; the reference has 256 steps of rk4."""
-    data, x, flow = Mixture((-0.5, 0.7), (0.4, 0.6), 0.4), draw(200, 1, 1, dtype=torch.float64), Flow()
+    data, x, flow = Mixture((-0.5, 0.7), (0.4, 0.6), 0.4), draw(200, 1, 1, dtype=torch.float64), make_flow()
 
     def solve(name: str, n: int) -> Tensor:
         sampler = make_sampler(flow, name, n)
@@ -46,9 +47,9 @@ def test_order_of_flow_solvers_for_a_gaussian(name: str, order: int):
     """Against the exact solution. On this linear field the midpoint rule is even better than its order."""
     data, x, errors = Gaussian(0.3, 0.5), draw(200, 1, 1, dtype=torch.float64), []
     for n in (4, 8, 16):
-        sampler = make_sampler(Flow(), name, n)
-        result = sampler(data.denoise(Flow(), sampler), x)
-        errors.append((result - data.solution(Flow(), sampler, x)).abs().max().item())
+        sampler = make_sampler(make_flow(), name, n)
+        result = sampler(data.denoise(make_flow(), sampler), x)
+        errors.append((result - data.solution(make_flow(), sampler, x)).abs().max().item())
     assert orders(errors)[-1] > order - 0.1
 
 
@@ -56,7 +57,7 @@ def test_order_of_flow_solvers_for_a_gaussian(name: str, order: int):
 def test_order_of_diffusion_solvers(name: str, lowest: float):
     """Half way, against the exact solution: towards both ends no number of steps makes the steps in the log
     of alpha / sigma small, and the errors of the last few, which differ in sign, hide the order."""
-    process, data = Diffusion(num_train_timesteps=4000), Gaussian(0.3, 0.5)
+    process, data = make_diffusion(num_train_timesteps=4000), Gaussian(0.3, 0.5)
     x, errors = draw(200, 1, 1, dtype=torch.float64), []
     half_way = 1983 if name == "dpm++" else 1999
     for n in (20, 40, 80):
@@ -73,7 +74,7 @@ def test_order_of_diffusion_solvers(name: str, lowest: float):
 
 
 def test_dpm_solver_is_the_better_one_with_few_steps():
-    data, x, process, errors = Gaussian(0.3, 0.5), draw(200, 1, 1, dtype=torch.float64), Diffusion(), {}
+    data, x, process, errors = Gaussian(0.3, 0.5), draw(200, 1, 1, dtype=torch.float64), make_diffusion(), {}
     for name in ("ddim", "dpm++"):
         sampler = make_sampler(process, name, 10, spacing="trailing")
         result = sampler(data.denoise(process, sampler), x)
@@ -85,14 +86,14 @@ def test_dpm_solver_is_the_better_one_with_few_steps():
     ("process", "name", "n", "tolerance"),
     [
         # First-order samplers lose variance, half as much with twice the steps; that of ddpm is sampled.
-        (Diffusion(), "ddim", 100, 0.03),
-        (Flow(), "euler", 100, 0.03),
-        (Diffusion(), "ddpm", 100, 0.06),
-        (Diffusion(num_train_timesteps=1000), "ddim", 1000, 0.01),
-        (Diffusion(num_train_timesteps=1000), "ddpm", 1000, 0.02),
-        (Flow(), "euler", 400, 0.01),
-        (Diffusion(), "dpm++", 20, 0.01),
-        (Flow(), "rk4", 5, 0.01),
+        (make_diffusion(), "ddim", 100, 0.03),
+        (make_flow(), "euler", 100, 0.03),
+        (make_diffusion(), "ddpm", 100, 0.06),
+        (make_diffusion(num_train_timesteps=1000), "ddim", 1000, 0.01),
+        (make_diffusion(num_train_timesteps=1000), "ddpm", 1000, 0.02),
+        (make_flow(), "euler", 400, 0.01),
+        (make_diffusion(), "dpm++", 20, 0.01),
+        (make_flow(), "rk4", 5, 0.01),
     ],
     ids=lambda value: str(value)[:8],
 )
@@ -112,7 +113,7 @@ def antithetic(n: int) -> Tensor:
 
 
 @pytest.mark.parametrize(
-    ("process", "name"), [(Diffusion(), "ddim"), (Diffusion(), "ddpm"), (Flow(), "euler")]
+    ("process", "name"), [(make_diffusion(), "ddim"), (make_diffusion(), "ddpm"), (make_flow(), "euler")]
 )
 def test_modes_keep_their_mass(process: Process, name: str):
     data, x = Mixture((-1.0, 0.1, 1.0), (0.15, 0.05, 0.8), 0.05), antithetic(8000)
@@ -124,7 +125,8 @@ def test_modes_keep_their_mass(process: Process, name: str):
 
 
 @pytest.mark.parametrize(
-    ("process", "name", "n"), [(Diffusion(), "ddim", 50), (Diffusion(), "dpm++", 25), (Flow(), "heun", 50)]
+    ("process", "name", "n"),
+    [(make_diffusion(), "ddim", 50), (make_diffusion(), "dpm++", 25), (make_flow(), "heun", 50)],
 )
 def test_noised_actions_come_back_from_the_middle(process, name: str, n: int):
     data = Gaussian(0.7, 0.4)

@@ -4,18 +4,19 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from processes import make_diffusion, make_flow
 from scipy import stats
 from torch import Tensor
 
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.sampling.process import Diffusion, Flow, Process, TwoStep
+from lerobot_act_chunking.sampling.process import Process, TwoStep
 
 B, T, A = 3, 5, 4
 PROCESSES = [
-    *(Diffusion(prediction_type=prediction) for prediction in ("epsilon", "v_prediction", "sample")),
-    Diffusion("v_prediction", 50, "linear", 1e-3, 0.1),
-    *(Flow(prediction_type=prediction) for prediction in ("velocity", "sample")),
-    TwoStep(),
+    *(make_diffusion(prediction_type=prediction) for prediction in ("epsilon", "v_prediction", "sample")),
+    make_diffusion("v_prediction", 50, "linear", 1e-3, 0.1),
+    *(make_flow(prediction_type=prediction) for prediction in ("velocity", "sample")),
+    TwoStep("sample"),
 ]
 processes = pytest.mark.parametrize("process", PROCESSES, ids=lambda p: f"{p.name}-{p.prediction_type}")
 
@@ -37,13 +38,13 @@ def test_alpha_bar_is_nichol_and_dhariwals(n_steps: int):
     for step in range(n_steps):
         alpha_bar *= 1 - min(1 - f(step + 1) / f(step), 0.999)
         expected.append(alpha_bar)
-    alphas, sigmas = Diffusion(num_train_timesteps=n_steps).levels(torch.arange(n_steps).double())
+    alphas, sigmas = make_diffusion(num_train_timesteps=n_steps).levels(torch.arange(n_steps).double())
     torch.testing.assert_close(alphas**2, torch.tensor(expected).double(), atol=1e-7, rtol=1e-6)
     torch.testing.assert_close(alphas**2 + sigmas**2, torch.ones(n_steps).double(), atol=1e-12, rtol=0)
 
 
 def test_linear_betas_are_used_from_start_to_end():
-    alphas, _ = Diffusion("epsilon", 7, "linear", 0.1, 0.4).levels(torch.arange(7).double())
+    alphas, _ = make_diffusion("epsilon", 7, "linear", 0.1, 0.4).levels(torch.arange(7).double())
     expected = (1 - torch.linspace(0.1, 0.4, 7).double()).cumprod(0)
     torch.testing.assert_close(alphas**2, expected, atol=1e-7, rtol=0)
 
@@ -98,12 +99,12 @@ def test_clean_weights_are_those_of_clean(process: Process):
 
 def test_the_ends_of_a_flow():
     actions, noise = draw(B, T, A), draw(B, T, A, seed=1)
-    assert torch.equal(Flow().noised(actions, noise, torch.zeros(B).double()), noise)
-    assert torch.equal(Flow().target(actions, noise, torch.full((B,), 0.3).double()), actions - noise)
+    assert torch.equal(make_flow().noised(actions, noise, torch.zeros(B).double()), noise)
+    assert torch.equal(make_flow().target(actions, noise, torch.full((B,), 0.3).double()), actions - noise)
 
 
 def test_two_step_first_sees_nothing_and_then_actions_with_some_noise():
-    process, actions, noise = TwoStep(refine_time=0.8), draw(B, T, A), draw(B, T, A, seed=1)
+    process, actions, noise = TwoStep("sample", 0.8), draw(B, T, A), draw(B, T, A, seed=1)
     x = process.noised(actions, noise, torch.tensor([0, 0.8, 0.8]).double())
     assert torch.equal(x[0], torch.zeros(T, A).double())
     torch.testing.assert_close(x[1:], (0.8 * actions + 0.2 * noise)[1:])
@@ -113,7 +114,7 @@ def test_two_step_first_sees_nothing_and_then_actions_with_some_noise():
 def test_noise_and_targets_are_those_of_diffusers(prediction: str):
     from diffusers.schedulers.scheduling_ddpm import DDPMScheduler
 
-    process = Diffusion(prediction)
+    process = make_diffusion(prediction)
     theirs = DDPMScheduler(**process.scheduler_settings())
     actions, noise, times = draw(B, T, A).float(), draw(B, T, A, seed=1).float(), torch.tensor([0, 40, 99])
     torch.testing.assert_close(
@@ -132,18 +133,18 @@ DISTRIBUTIONS = {
 
 @pytest.mark.parametrize("name", DISTRIBUTIONS)
 def test_times_of_a_flow_are_distributed_as_named(name: str):
-    times = Flow(time_distribution=name).draw_times(5000, torch.zeros(1), generator())
+    times = make_flow(time_distribution=name).draw_times(5000, torch.zeros(1), generator())
     assert stats.kstest(times.numpy(), DISTRIBUTIONS[name]).pvalue > 0.01
 
 
 def test_beta_times_prefer_noise():
-    times = Flow(time_distribution="beta").draw_times(5000, torch.zeros(1), generator())
+    times = make_flow(time_distribution="beta").draw_times(5000, torch.zeros(1), generator())
     assert times.mean() == pytest.approx(0.4, abs=0.01)  # 0.999 * (1 - 0.6)
     assert times.max() < 1
 
 
 def test_times_of_diffusion_are_all_steps_alike():
-    times = Diffusion(num_train_timesteps=7).draw_times(7000, torch.zeros(1), generator())
+    times = make_diffusion(num_train_timesteps=7).draw_times(7000, torch.zeros(1), generator())
     counts = times.long().bincount()
     assert len(counts) == 7
     assert counts.min() > 900
@@ -151,7 +152,7 @@ def test_times_of_diffusion_are_all_steps_alike():
 
 
 def test_times_of_two_steps_are_either():
-    times = TwoStep().draw_times(1000, torch.zeros(1), generator())
+    times = TwoStep("sample").draw_times(1000, torch.zeros(1), generator())
     assert set(times.tolist()) == {0, torch.tensor(0.9).item()}
     assert (times > 0).float().mean() == pytest.approx(0.5, abs=0.05)
 
@@ -175,7 +176,7 @@ def test_times_have_at_least_float32(process: Process):
 
 
 def test_training_goes_on_after_an_evaluation_in_inference_mode():
-    process = Diffusion()
+    process = make_diffusion()
     with torch.inference_mode():
         process.levels(torch.zeros(1))
     weight = torch.ones(B, T, A, requires_grad=True)
@@ -187,15 +188,18 @@ def test_training_goes_on_after_an_evaluation_in_inference_mode():
     ("make", "message"),
     [
         (
-            lambda: Diffusion("velocity"),
+            lambda: make_diffusion("velocity"),
             "unknown ddpm prediction_type 'velocity'; choose one of: epsilon, v_",
         ),
-        (lambda: Diffusion(beta_schedule="cosine"), "unknown beta_schedule 'cosine'"),
-        (lambda: Diffusion(num_train_timesteps=0), "num_train_timesteps must be at least 1, but is 0"),
-        (lambda: Flow("epsilon"), "unknown flow prediction_type 'epsilon'; choose one of: velocity, sample"),
-        (lambda: Flow(time_distribution="normal"), "unknown time_distribution 'normal'"),
+        (lambda: make_diffusion(beta_schedule="cosine"), "unknown beta_schedule 'cosine'"),
+        (lambda: make_diffusion(num_train_timesteps=0), "num_train_timesteps must be at least 1, but is 0"),
+        (
+            lambda: make_flow("epsilon"),
+            "unknown flow prediction_type 'epsilon'; choose one of: velocity, sample",
+        ),
+        (lambda: make_flow(time_distribution="normal"), "unknown time_distribution 'normal'"),
         (lambda: TwoStep("velocity"), "unknown two_step prediction_type 'velocity'"),
-        (lambda: TwoStep(refine_time=1.0), r"refine_time must be between 0 and 1, but is 1\.0"),
+        (lambda: TwoStep("sample", 1.0), r"refine_time must be between 0 and 1, but is 1\.0"),
     ],
 )
 def test_impossible_processes_are_refused(make, message: str):

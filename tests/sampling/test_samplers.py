@@ -3,17 +3,18 @@ from collections.abc import Callable
 
 import pytest
 import torch
+from processes import make_diffusion, make_flow
 from torch import Tensor
 
 from lerobot_act_chunking.sampling.noise import NoiseSource
-from lerobot_act_chunking.sampling.process import Diffusion, Flow, Process, TwoStep
+from lerobot_act_chunking.sampling.process import Diffusion, Process, TwoStep
 from lerobot_act_chunking.sampling.samplers import make_sampler
 
 B, T, A = 3, 5, 4
 EVERY = [
-    *((Diffusion(), name, 10) for name in ("ddim", "ddpm", "dpm++")),
-    *((Flow(), name, 6) for name in ("euler", "midpoint", "heun", "rk4")),
-    (TwoStep(), "two_step", 2),
+    *((make_diffusion(), name, 10) for name in ("ddim", "ddpm", "dpm++")),
+    *((make_flow(), name, 6) for name in ("euler", "midpoint", "heun", "rk4")),
+    (TwoStep("sample"), "two_step", 2),
 ]
 every_sampler = pytest.mark.parametrize(("process", "name", "n"), EVERY, ids=lambda value: str(value)[:8])
 
@@ -56,7 +57,7 @@ def dpm(process: Diffusion):
 
 
 def test_a_ddim_step_is_the_formula():
-    process = Diffusion()
+    process = make_diffusion()
     sampler = make_sampler(process, "ddim", 2, spacing="trailing")
     assert sampler.times.tolist() == [99, 49]
     (a, middle), (s, middle_s) = (level.double().tolist() for level in process.levels(sampler.times))
@@ -72,7 +73,7 @@ def test_a_ddim_step_is_the_formula():
     [*(("leading", n) for n in (2, 3, 7, 10, 32, 60, 100)), *(("trailing", n) for n in (1, 4, 10, 100))],
 )
 def test_ddim_is_that_of_diffusers(spacing: str, n: int, schedule: str):
-    process, x = Diffusion(beta_schedule=schedule), draw(B, T, A)
+    process, x = make_diffusion(beta_schedule=schedule), draw(B, T, A)
     sampler = make_sampler(process, "ddim", n, spacing=spacing, clip=1.0)
     theirs = ddim(process, timestep_spacing=spacing, clip_sample=True)
     expected = by_diffusers(theirs, n, x, network, use_clipped_model_output=True)
@@ -81,7 +82,7 @@ def test_ddim_is_that_of_diffusers(spacing: str, n: int, schedule: str):
 
 @pytest.mark.parametrize("n", [10, 25])
 def test_lerobots_clipping_keeps_the_direction_of_the_network(n: int):
-    process, x = Diffusion(), draw(B, T, A)
+    process, x = make_diffusion(), draw(B, T, A)
     sampler = make_sampler(process, "ddim", n, clip=1.0, clip_mode="lerobot")
     times = sampler.times.double()
     theirs = ddim(process, prediction_type="epsilon", clip_sample=True)
@@ -99,9 +100,9 @@ def test_lerobots_clipping_keeps_the_direction_of_the_network(n: int):
 @pytest.mark.parametrize(
     ("process", "name", "n", "spacing"),
     [
-        *((Diffusion(), "ddim", 32, spacing) for spacing in ("leading", "trailing", "linspace")),
-        (Diffusion(), "dpm++", 16, None),
-        *((Flow(), name, 7, None) for name in ("euler", "midpoint", "heun", "rk4")),
+        *((make_diffusion(), "ddim", 32, spacing) for spacing in ("leading", "trailing", "linspace")),
+        (make_diffusion(), "dpm++", 16, None),
+        *((make_flow(), name, 7, None) for name in ("euler", "midpoint", "heun", "rk4")),
     ],
 )
 def test_x_is_always_at_the_level_that_its_time_says(
@@ -124,7 +125,7 @@ def test_x_is_always_at_the_level_that_its_time_says(
     ("spacing", "n"), [("leading", 10), ("leading", 100), ("trailing", 8), ("linspace", 9)]
 )
 def test_ddpm_is_that_of_diffusers(spacing: str, n: int):
-    process, x = Diffusion(), draw(B, T, A)
+    process, x = make_diffusion(), draw(B, T, A)
     theirs = ddpm(process, timestep_spacing=spacing, clip_sample=True)
     expected = by_diffusers(theirs, n, x, network, generator=torch.Generator().manual_seed(3))
     ours = make_sampler(process, "ddpm", n, spacing=spacing, clip=1.0)
@@ -134,7 +135,7 @@ def test_ddpm_is_that_of_diffusers(spacing: str, n: int):
 
 
 def test_ddpm_takes_a_generator_for_each_row_as_diffusers_does():
-    process, x = Diffusion(), draw(B, T, A)
+    process, x = make_diffusion(), draw(B, T, A)
     expected = by_diffusers(
         ddpm(process, clip_sample=False), 10, x, network, generator=NoiseSource(5).generators(B)
     )
@@ -145,7 +146,7 @@ def test_ddpm_takes_a_generator_for_each_row_as_diffusers_does():
 @pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")
 @pytest.mark.parametrize("n", [1, 2, 3, 10, 16, 20, 50])
 def test_dpm_solver_is_that_of_diffusers(n: int):
-    process, x = Diffusion(), draw(B, T, A)
+    process, x = make_diffusion(), draw(B, T, A)
     expected = by_diffusers(dpm(process), n, x, network)
     assert expected.isfinite().all()
     torch.testing.assert_close(make_sampler(process, "dpm++", n)(network, x), expected, atol=2e-6, rtol=0)
@@ -155,7 +156,7 @@ def test_a_flow_by_euler_follows_the_velocity():
     x = start = draw(B, T, A)
     for i in range(6):
         x = x + (network(x, i) - x) / (1 - i / 6) / 6
-    sampler = make_sampler(Flow(), "euler", 6)
+    sampler = make_sampler(make_flow(), "euler", 6)
     torch.testing.assert_close(sampler(network, start), x, atol=1e-6, rtol=0)
     assert sampler.times.tolist() == pytest.approx([0, 1 / 6, 2 / 6, 3 / 6, 4 / 6, 5 / 6])
 
@@ -163,7 +164,7 @@ def test_a_flow_by_euler_follows_the_velocity():
 @pytest.mark.parametrize(("name", "per_step", "last"), [("midpoint", 2, 2), ("heun", 2, 1), ("rk4", 4, 3)])
 def test_no_evaluation_of_a_flow_lies_at_its_end(name: str, per_step: int, last: int):
     for n in (1, 2, 5):
-        times = make_sampler(Flow(), name, n).times
+        times = make_sampler(make_flow(), name, n).times
         assert len(times) == per_step * (n - 1) + last
         assert times.max() < 1
         assert times[0] == 0
@@ -240,7 +241,7 @@ def test_two_steps_predict_from_nothing_and_then_from_their_shrunken_prediction(
         seen.append(x)
         return x + 1 + i
 
-    result = make_sampler(TwoStep(), "two_step", 2)(denoise, draw(B, T, A))
+    result = make_sampler(TwoStep("sample"), "two_step", 2)(denoise, draw(B, T, A))
     assert torch.equal(seen[0], torch.zeros(B, T, A))
     torch.testing.assert_close(seen[1], torch.full((B, T, A), 0.9))
     torch.testing.assert_close(result, torch.full((B, T, A), 2.9))
@@ -249,12 +250,12 @@ def test_two_steps_predict_from_nothing_and_then_from_their_shrunken_prediction(
 @pytest.mark.parametrize(
     ("process", "name", "n", "strength", "expected"),
     [
-        (Diffusion(), "ddim", 10, 0.5, [50, 40, 30, 20, 10, 0]),
-        (Diffusion(), "ddpm", 10, 0.01, [0]),
-        (Diffusion(), "dpm++", 10, 0.3, [28, 18, 8]),
-        (Flow(), "euler", 10, 0.3, [0.7, 0.8, 0.9]),
-        (Flow(), "euler", 10, 0.01, [0.9]),
-        (Flow(), "midpoint", 4, 0.5, [0.5, 0.625, 0.75, 0.875]),
+        (make_diffusion(), "ddim", 10, 0.5, [50, 40, 30, 20, 10, 0]),
+        (make_diffusion(), "ddpm", 10, 0.01, [0]),
+        (make_diffusion(), "dpm++", 10, 0.3, [28, 18, 8]),
+        (make_flow(), "euler", 10, 0.3, [0.7, 0.8, 0.9]),
+        (make_flow(), "euler", 10, 0.01, [0.9]),
+        (make_flow(), "midpoint", 4, 0.5, [0.5, 0.625, 0.75, 0.875]),
     ],
     ids=lambda value: str(value)[:8],
 )
@@ -264,7 +265,7 @@ def test_strength_starts_at_the_nearest_level(process, name: str, n: int, streng
 
 
 def test_drawing_without_generators_is_refused():
-    sampler = make_sampler(Diffusion(), "ddpm", 10)
+    sampler = make_sampler(make_diffusion(), "ddpm", 10)
     with pytest.raises(ValueError, match="pass it a generator for each environment"):
         sampler(network, draw(B, T, A))
     with pytest.raises(ValueError, match=r"shorter|longer"):

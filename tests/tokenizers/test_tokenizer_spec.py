@@ -28,8 +28,8 @@ REFUSED = [
     ({"vqvae_n_embed": 1}, "vqvae_n_embed=1 must be at least 2"),
     ({"kmeans_iters": -1}, "kmeans_iters=-1 must be at least 0"),
     ({"dead_code_threshold": -0.5}, "dead_code_threshold=-0.5 must be at least 0"),
-    ({"dead_code_threshold": float("inf")}, "dead_code_threshold=inf must be at least 0, and finite"),
-    ({"commitment_weight": float("nan")}, "commitment_weight=nan must be at least 0, and finite"),
+    ({"dead_code_threshold": float("inf")}, "dead_code_threshold=inf must be at least 0 and at most 100"),
+    ({"commitment_weight": float("nan")}, "commitment_weight=nan must be at least 0 and at most"),
     ({"vqvae_decay": 1.0}, r"vqvae_decay=1.0 must be at least 0 and below 1: the share"),
     ({"vqvae_decay": -0.1}, r"vqvae_decay=-0.1 must be at least 0 and below 1"),
     (

@@ -1,11 +1,10 @@
 """Episodes of candidates, here or in worker processes."""
 
-import multiprocessing
 import os
-import signal
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing.connection import Connection, wait
 from typing import Any, Protocol, Self, cast
 
@@ -15,6 +14,7 @@ from lerobot_act_chunking.diagnostics.tune.racing import Cell
 from lerobot_act_chunking.diagnostics.tune.subject import Subject, execute
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.policies.loading import LoadedPolicy
+from lerobot_act_chunking.worker_processes import WorkerProcesses
 
 CandidateCell = Cell[Candidate]
 Outcome = tuple[CandidateCell, list[bool]]
@@ -80,19 +80,11 @@ class InlineRunner:
 
 
 class WorkerPool:
-    """Runs cells in fresh processes, which end when the race does, and by themselves if it is killed."""
+    """Runs cells in fresh processes."""
 
     def __init__(self, episodes: Episodes, workers: int) -> None:
-        context = multiprocessing.get_context("spawn")
-        self._idle: list[Connection] = []
-        self._processes = []
-        for _ in range(workers):
-            ours, theirs = context.Pipe()
-            process = context.Process(target=_work, args=(theirs, episodes, workers), daemon=True)
-            process.start()
-            theirs.close()
-            self._processes.append(process)
-            self._idle.append(cast(Connection, ours))
+        self._workers = WorkerProcesses(partial(_player, episodes, workers), workers, _worker_died)
+        self._idle = list(self._workers.connections)
 
     def run(self, cells: Sequence[CandidateCell], may_begin: Callable[[], bool]) -> Iterator[Outcome]:
         """Give each worker the next cell as soon as it has finished one."""
@@ -100,49 +92,34 @@ class WorkerPool:
         while True:
             while self._idle and waiting and may_begin():
                 connection, cell = self._idle.pop(), waiting.pop(0)
-                connection.send(cell)
+                self._workers.send(connection, cell)
                 running[connection] = cell
             if not running:
                 return
             for ready in wait(list(running)):
                 connection = cast(Connection, ready)
-                yield running.pop(connection), self._answer(connection)
-
-    def _answer(self, connection: Connection) -> list[bool]:
-        try:
-            answer = connection.recv()
-        except (EOFError, OSError) as error:
-            raise ConfigurationError(
-                "a worker process died, perhaps for want of memory: run the same command with --workers 1; "
-                "finished episodes are kept"
-            ) from error
-        if isinstance(answer, BaseException):
-            raise answer
-        self._idle.append(connection)
-        return answer
+                successes = self._workers.receive(connection)
+                self._idle.append(connection)
+                yield running.pop(connection), successes
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        for process in self._processes:
-            process.terminate()
-        for process in self._processes:
-            process.join()
+        self._workers.__exit__()
 
 
-def _work(connection: Connection, episodes: Episodes, workers: int) -> None:
-    """A worker's life: a cell comes, its outcome goes, until the race ends it or is gone."""
+@contextmanager
+def _player(episodes: Episodes, workers: int) -> Iterator[Callable[[CandidateCell], list[bool]]]:
+    """Runs a cell with a policy of this process's own."""
     import torch
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the race decides
     torch.set_num_threads(max(1, (os.cpu_count() or 1) // workers))
-    try:
-        policy = episodes.subject.load()
-        while True:
-            connection.send(episodes.play(policy, connection.recv()))
-    except EOFError:
-        return
-    except Exception as error:
-        with suppress(OSError):  # nobody listens when the race was killed
-            connection.send(error)
+    yield partial(episodes.play, episodes.subject.load())
+
+
+def _worker_died() -> ConfigurationError:
+    return ConfigurationError(
+        "a worker process died, perhaps for want of memory: run the same command with --workers 1; "
+        "finished episodes are kept"
+    )

@@ -1,10 +1,10 @@
 """Everything that a latent is built from."""
 
-import math
 from dataclasses import dataclass, fields
 from typing import Any
 
-from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
+from lerobot_act_chunking.errors import unknown_choice
+from lerobot_act_chunking.ranges import RANGES, check_ranges
 
 COMPONENT_WEIGHTS = ("empirical", "uniform")
 
@@ -51,11 +51,4 @@ class LatentSpec:
         """
         if self.prior_component_weights not in COMPONENT_WEIGHTS:
             raise unknown_choice("prior_component_weights", self.prior_component_weights, COMPONENT_WEIGHTS)
-        for name, least in (("latent_dim", 1), ("n_latent_components", 2), ("latent_warmup_steps", 1)):
-            if getattr(self, name) < least:
-                raise ConfigurationError(f"{name}={getattr(self, name)} must be at least {least}")
-        if not 0 < self.z_temperature < math.inf:
-            raise ConfigurationError(
-                f"z_temperature={self.z_temperature} must be above 0 and finite: set z_temperature=1, with "
-                "z_inference=mode for the likeliest style alone"
-            )
+        check_ranges(self, *(field.name for field in fields(self) if field.name in RANGES))

@@ -204,13 +204,12 @@ class DiffusionChunkedConfig(ChunkedConfig):
     @property
     def process_settings(self) -> dict[str, Any]:
         """What the noising process is made from (`samplers.make_process`)."""
-        if self.objective == "ddpm":
-            names = ("num_train_timesteps", "beta_schedule", "beta_start", "beta_end", "prediction_type")
-        elif self.objective == "flow":
-            names = ("time_distribution", "prediction_type")
-        else:
-            names = ()
-        return {name: getattr(self, name) for name in names}
+        own = {
+            "ddpm": ("num_train_timesteps", "beta_schedule", "beta_start", "beta_end"),
+            "flow": ("time_distribution",),
+            "two_step": (),
+        }
+        return {name: getattr(self, name) for name in ("prediction_type", *own[self.objective])}
 
     def validate_features(self) -> None:
         """Check the inputs and outputs that LeRobot filled in from the dataset or the environment.

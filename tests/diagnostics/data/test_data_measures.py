@@ -8,7 +8,7 @@ from lerobot_act_chunking.diagnostics.data.cameras import compare
 from lerobot_act_chunking.diagnostics.data.clocks import read_clocks
 from lerobot_act_chunking.diagnostics.data.operators import split_by_operator
 from lerobot_act_chunking.diagnostics.data.pairing import pair_dimensions
-from lerobot_act_chunking.diagnostics.data.stillness import find_stillness
+from lerobot_act_chunking.diagnostics.data.stillness import Stillness, find_stillness, summarise
 from lerobot_act_chunking.diagnostics.data.ways import count_ways
 
 
@@ -27,6 +27,19 @@ def test_a_planted_pause_is_found_and_a_short_one_is_none():
     ((first, steps),) = found.pauses
     assert first == pytest.approx(30, abs=3)
     assert steps == pytest.approx(25, abs=4)
+
+
+def test_shares_of_rests_are_of_all_frames():
+    """Two episodes of 10 and 30 frames: an episode has a step less than frames."""
+    found = [
+        Stillness(np.zeros(9), np.zeros(9, bool), start=2, end=0, pauses=((4, 3),)),
+        Stillness(np.zeros(29), np.zeros(29, bool), start=6, end=10, pauses=((8, 2), (12, 5))),
+    ]
+    rests = summarise(found, fps=10)
+    assert (rests.start_share, rests.end_share, rests.pause_share) == (8 / 40, 10 / 40, 10 / 40)
+    assert (rests.start_median_s, rests.start_longest_s) == (0.4, 0.6)
+    assert (rests.end_median_s, rests.end_longest_s) == (0.5, 1.0)
+    assert (rests.pauses_per_episode, rests.pause_longest_s) == (1.5, 0.5)
 
 
 def test_parked_limbs_do_not_hide_rests():

@@ -172,6 +172,13 @@ def test_episodes_of_different_lengths_agree_on_frequencies():
     assert short.frequencies[-1] == FPS / 2
 
 
+def test_every_step_counts_alike_however_long_its_episode():
+    data = demonstrations(
+        lambda time: wave(5)(time) if len(time) == 100 else wave(12)(time), lengths=(100, 300)
+    )
+    assert measure_spectrum(data).above(8)[0] == pytest.approx(300 / 400, abs=0.01)
+
+
 def test_episodes_too_short_for_a_spectrum_are_left_out():
     assert measure_spectrum(demonstrations(wave(5), lengths=(200, 3))).above(4)[0] == pytest.approx(
         1, abs=0.02

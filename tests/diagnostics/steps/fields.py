@@ -18,7 +18,7 @@ OWN = Cell("euler", 10)
 
 
 def grid_of(own=OWN, **options):
-    return make_grid(Flow(), own, **options)
+    return make_grid(Flow("velocity", "uniform"), own, **options)
 
 
 @dataclass

@@ -10,6 +10,10 @@ from lerobot_act_chunking.sampling.process import Diffusion, Flow, TwoStep
 DDIM = Cell("ddim", 10, "leading")
 
 
+def ddpm(n_steps=100):
+    return Diffusion("epsilon", n_steps, "squaredcos_cap_v2", 1e-4, 0.02)
+
+
 def steps_of(grid, sampler, spacing=None):
     return [cell.n_steps for cell in grid.cells if (cell.sampler, cell.spacing) == (sampler, spacing)]
 
@@ -26,7 +30,7 @@ def test_flow_takes_every_solver_up_to_a_hundred_network_calls():
 
 
 def test_ddpm_takes_every_spacing_and_what_its_schedule_allows():
-    grid = make_grid(Diffusion(), DDIM)
+    grid = make_grid(ddpm(), DDIM)
     assert steps_of(grid, "ddim", "trailing") == list(STEPS)
     assert steps_of(grid, "ddim", "leading") == steps_of(grid, "ddim", "linspace") == list(STEPS)[1:]
     assert steps_of(grid, "dpm++") == [n for n in STEPS if n <= 50]
@@ -35,7 +39,7 @@ def test_ddpm_takes_every_spacing_and_what_its_schedule_allows():
 
 
 def test_a_shorter_schedule_has_a_shorter_reference():
-    grid = make_grid(Diffusion(num_train_timesteps=24), DDIM)
+    grid = make_grid(ddpm(24), DDIM)
     assert grid.references == (Cell("ddim", 24, "leading"), Cell("dpm++", 12))
     assert steps_of(grid, "ddim", "leading") == [n for n in STEPS if 1 < n <= 24]
 
@@ -47,21 +51,25 @@ def test_the_policys_own_cell_is_always_there():
 
 
 def test_the_own_spacing_is_the_samplers_default():
-    assert make_grid(Diffusion(), Cell("ddim", 7)).own == Cell("ddim", 7, "leading")
-    assert make_grid(Diffusion(), Cell("dpm++", 7)).own == Cell("dpm++", 7)
+    assert make_grid(ddpm(), Cell("ddim", 7)).own == Cell("ddim", 7, "leading")
+    assert make_grid(ddpm(), Cell("dpm++", 7)).own == Cell("dpm++", 7)
 
 
 def test_ddim_stands_for_ddpm():
-    assert make_grid(Diffusion(), Cell("ddpm", 100)).own == Cell("ddim", 100, "leading")
+    assert make_grid(ddpm(), Cell("ddpm", 100)).own == Cell("ddim", 100, "leading")
 
 
 @pytest.mark.parametrize(
     ("process", "options", "message"),
     [
         (TwoStep("sample"), {}, "objective=two_step has a fixed number of network calls"),
-        (Flow(), {"samplers": ["ddim"]}, "unknown sampler of flow 'ddim'; choose one of: euler, midpoint"),
-        (Diffusion(), {"samplers": ["ddpm"]}, r"ddpm draws noise at every step.*sweep ddim, dpm\+\+"),
-        (Flow(), {"steps": [2, 0]}, r"step counts must be at least 1, got \[2, 0\]"),
+        (
+            Flow("velocity", "uniform"),
+            {"samplers": ["ddim"]},
+            "unknown sampler of flow 'ddim'; choose one of: euler, midpoint",
+        ),
+        (ddpm(), {"samplers": ["ddpm"]}, r"ddpm draws noise at every step.*sweep ddim, dpm\+\+"),
+        (Flow("velocity", "uniform"), {"steps": [2, 0]}, r"step counts must be at least 1, got \[2, 0\]"),
     ],
 )
 def test_refuses_what_cannot_be_swept(process, options, message):

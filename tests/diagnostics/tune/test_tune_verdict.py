@@ -46,6 +46,12 @@ def test_the_choice(successes, verdict, chosen):
     assert (judgement.verdict, judgement.chosen) == (verdict, chosen)
 
 
+def test_cheaper_and_close_but_surely_worse_than_the_best_is_not_chosen():
+    """182 are 95.8 % of 190, but all eight episodes that only one of the two wins speak against it."""
+    assert judge_race(raced(60, 190, 182, n=200), calls).chosen == OFTEN
+    assert judge_race(raced(60, 190, 186, n=200), calls).chosen == SELDOM
+
+
 def test_a_difference_that_would_matter_but_may_be_chance_is_left_open():
     judgement = judge_race(raced(4, 8, 2, n=10), calls)
     assert (judgement.verdict, judgement.chosen) == ("inconclusive", PRESENT)

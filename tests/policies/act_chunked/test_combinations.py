@@ -7,6 +7,7 @@ import torch
 from policy_cases import ENVIRONMENT, STATE, A, B, Case
 
 from lerobot_act_chunking.heads.make import HEADS
+from lerobot_act_chunking.heads.regression import RegressionHead
 from lerobot_act_chunking.nn.latents.make import LATENTS
 from lerobot_act_chunking.policies.act_chunked.modeling_act_chunked import ActChunkedPolicy
 
@@ -43,7 +44,7 @@ def make_case(likelihood, decoder, latent):
     }
     if latent is not None:
         settings |= {"latent_type": latent, "z_inference": "sample", "z_hold": "chunk"}
-    if likelihood not in ("l1", "l2"):
+    if not issubclass(HEADS[likelihood], RegressionHead):
         settings["action_temperature"] = 1.0
     name = name_of((likelihood, decoder, latent))
     return Case(name, "act_chunked", STATE | ENVIRONMENT, settings)

@@ -242,7 +242,7 @@ def test_observations_and_decoders_that_cannot_work(settings, message):
         ),
         (
             {"action_likelihood": "categorical", "action_temperature": 1.0, "action_top_k": 300},
-            "action_top_k=300 must be at least 0 and at most 256",
+            "action_top_k=300 must be at most n_bins=256: 0 takes all",
         ),
         ({"action_temperature": 1.0}, "action_temperature=1.0, but l1 predicts one action"),
         (

@@ -1,7 +1,11 @@
 """What every field of every configuration may hold; the one place where ranges are declared."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
+
+from lerobot_act_chunking.errors import ConfigurationError
 
 
 @dataclass(frozen=True)
@@ -155,7 +159,9 @@ RANGES: dict[str, Range] = {
     "vqvae_num_layers": _LAYERS,
     "vqvae_embedding_dim": _WIDTH,
     "vqvae_enc_hidden_dim": _WIDTH,
-    "vqvae_decay": _FRACTION,
+    "vqvae_decay": Range(
+        0, 1, below=True, hint="the share that the codebook's moving average keeps in each step"
+    ),
     "commitment_weight": _WEIGHT,
     "kmeans_iters": Range(0, 1000),
     "dead_code_threshold": Range(0, 100),
@@ -169,3 +175,23 @@ RANGES: dict[str, Range] = {
     "top_p": _POSITIVE_FRACTION,
 }
 """For every field of numbers, or of lists of numbers, those that it may hold; all types share it."""
+
+
+def check_ranges(source: object, *names: str) -> None:
+    """Refuse numbers that these attributes of ``source`` may not hold, by their `RANGES`.
+
+    Raises:
+        ConfigurationError: naming the attribute, its value and what is allowed.
+    """
+    for name in names:
+        value = getattr(source, name)
+        if not all(number in RANGES[name] for number in _numbers(value)):
+            raise ConfigurationError(f"{name}={value} must be {RANGES[name]}")
+
+
+def _numbers(value: Any) -> Iterator[float]:
+    """The numbers in a field of one, or of a list of them."""
+    if isinstance(value, list | tuple):
+        yield from value
+    else:
+        yield value
