@@ -2,8 +2,8 @@
 
     python benchmarks/operator_table.py
 
-reads benchmarks/results/operators.json, operators_fetch.json and pushed.json and writes the tables between their marks; a test
-compares.
+reads benchmarks/results/operators.json, operators_fetch.json and pushed.json and writes the tables between
+their marks; a test compares.
 """
 
 import argparse
