@@ -25,6 +25,7 @@ from lerobot_act_chunking.envs.operators import OPERATORS
 
 EVERYBODY = "everybody"
 CPU = {"device": "cpu", "push_to_hub": False}
+HISTORY = {"n_obs_steps": 2, "obs_stride": 25, "history_dropout": 0.3}
 VARIANTS = {
     **{
         f"{kind}_{steps}": Variant({"type": kind, **CPU}, steps, 64)
@@ -32,8 +33,10 @@ VARIANTS = {
         for steps in (1500, 4000)
     },
     "act_chunked_100_1500": Variant({"type": "act_chunked", "chunk_size": 100, **CPU}, 1500, 64),
+    "act_chunked_history_1500": Variant({"type": "act_chunked", **HISTORY, **CPU}, 1500, 64),
 }
-"""Policies as they come, by type and training steps; and one with long chunks, whatever the dataset."""
+"""Policies as they come, by type and training steps; with long chunks, whatever the dataset; and one that sees
+what was half a second ago."""
 EXECUTIONS: dict[str, dict[str, Any]] = {
     "crossfade 25 over 50": {"execution": "crossfade", "replan_interval": 25, "crossfade_steps": 50},
     "crossfade 25 over 10": {"execution": "crossfade", "replan_interval": 25, "crossfade_steps": 10},
