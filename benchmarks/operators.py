@@ -35,8 +35,8 @@ VARIANTS = {
     "act_chunked_100_1500": Variant({"type": "act_chunked", "chunk_size": 100, **CPU}, 1500, 64),
     "act_chunked_history_1500": Variant({"type": "act_chunked", **HISTORY, **CPU}, 1500, 64),
 }
-"""Policies as they come, by type and training steps; one with long chunks, whatever the dataset; one that sees
-what was half a second ago."""
+"""Policies as they come, by type and training steps; one with long chunks, whatever the dataset; and one that
+sees what was half a second ago."""
 EXECUTIONS: dict[str, dict[str, Any]] = {
     "crossfade 25 over 50": {"execution": "crossfade", "replan_interval": 25, "crossfade_steps": 50},
     "crossfade 25 over 10": {"execution": "crossfade", "replan_interval": 25, "crossfade_steps": 10},
