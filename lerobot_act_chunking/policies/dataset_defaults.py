@@ -32,7 +32,7 @@ def fit_to_dataset(config: ChunkedConfig, meta: Any) -> None:
         config: of a policy that is trained from the beginning; changed in place.
         meta: LeRobot's metadata of the dataset.
     """
-    if config.preset != "paper":
+    if config.given("preset") != "paper":
         fit_length(config, meta.fps, meta.episodes["length"])
         fit_execution(config, meta)
 
