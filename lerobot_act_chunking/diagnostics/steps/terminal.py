@@ -3,12 +3,16 @@
 from collections.abc import Sequence
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
+from lerobot_act_chunking.diagnostics.core.measures import RawUnits
 from lerobot_act_chunking.diagnostics.core.terminal import print_verdict
 from lerobot_act_chunking.diagnostics.steps.plateau import Series
 from lerobot_act_chunking.diagnostics.steps.report import StepsReport
 from lerobot_act_chunking.diagnostics.steps.results import CellResult, Quantiles
+
+MOST_NAMED = 3
 
 
 def print_report(report: StepsReport, console: Console) -> None:
@@ -63,6 +67,8 @@ def _rows(report: StepsReport) -> list[tuple[str, str]]:
         ("modes", _modes(report)),
         (f"{report.own} (*)", _own(report)),
     ]
+    if isinstance(report.held_out.measure, RawUnits):
+        rows.append(("farthest off", _farthest(report)))
     rows += [(f"success, {each.cell}", str(each.rate)) for each in report.success or []]
     return [*rows, ("recommended", _recommended(report))]
 
@@ -110,6 +116,13 @@ def _own(report: StepsReport) -> str:
     if own.ms is not None:
         parts.append(f"{own.ms:.3g} ms")
     return ", ".join(parts)
+
+
+def _farthest(report: StepsReport) -> str:
+    """The dimensions that decide: one tolerance counts for all, whatever each is measured in."""
+    errors = report.sweep.of(report.own).error_by_point or {}
+    worst = sorted(errors, key=lambda name: -errors[name])[:MOST_NAMED]
+    return ", ".join(f"{escape(name)} {errors[name]:.2g}" for name in worst) or "not measured"
 
 
 def _recommended(report: StepsReport) -> str:

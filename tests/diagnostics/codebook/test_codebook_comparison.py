@@ -67,8 +67,11 @@ def test_the_fewest_bits_that_are_good_enough(report):
         best, judgement = measuring._recommend(report.fitted, allowed)
         enough = [each for each in report.fitted if each.losses.lost_variance <= allowed]
         assert best is min(enough, key=lambda each: each.bits)
-        assert judgement.verdict == "pass"
+        assert judgement.verdict == ("pass" if best.candidate.kind == "residual_vq" else "warn")
         assert best.candidate.name in judgement.reasons[0]
+    assert f"get all {best.tokens} of its codes right" in judgement.reasons[1]
+    assert "residual_vq 2 x 8, loses" in judgement.reasons[1]
+    assert measuring._recommend(report.fitted[1:], 0.01)[1].verdict == "pass"
     best, judgement = measuring._recommend(report.fitted, 1e-9)
     assert best.candidate.kind == "uniform"
     assert judgement.verdict == "fail"
@@ -91,6 +94,17 @@ def test_what_is_written(report, tmp_path):
     assert "Tokenizers for 5 actions, 0.25 s (waves)" in printed
     assert "fitted to 4 episodes (30 steps, if at all), errors on 1 others" in printed
     assert f"recommended: {report.flags}" in printed
+    assert "mean over the dimensions, then that of the worst. " in printed
+
+
+def test_dimensions_that_stand_still_are_no_part_of_what_is_lost(monkeypatch):
+    monkeypatch.setattr(measuring, "candidates_for", lambda chunk_size: SMALL[1:])
+    data = waves()
+    still = {episode: np.pad(actions, ((0, 0), (0, 1))) for episode, actions in data.episodes.items()}
+    console = Console(width=100, record=True, file=io.StringIO())
+    print_report(compared(ActionEpisodes("waves", 20.0, ("x", "y", "z"), still)), console)
+    printed = " ".join(console.export_text().split())
+    assert "mean over the 2 of 3 dimensions that move, then that of the worst." in printed
 
 
 def test_the_same_seed_fits_alike(monkeypatch):

@@ -1,6 +1,7 @@
 """The report, its JSON, card and picture."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -112,6 +113,37 @@ def test_card_of_a_precise_model(precise):
     ):
         assert text in card
     assert "flattering" not in card
+
+
+def test_the_dimensions_that_decide_are_named_in_raw_units(precise):
+    worst = precise.sweep.of(precise.own).error_by_point
+    assert f"farthest off {max(worst, key=worst.get)} " in card_of(precise)
+
+
+def told_about(report, **changes):
+    sweep = replace(report.sweep, **changes)
+    return notes.notes_on(sweep, report.judgement, report.held_out, report.own, report.own)
+
+
+def test_few_observations_near_contact_are_told(precise):
+    few = "Only 10 of the observations are near contact: what is said of contact rests on these."
+    assert few in told_about(precise, n_near_contact=10)
+    assert not any("near contact:" in note for note in precise.notes)
+
+
+def test_more_calls_for_nothing_are_told(precise):
+    """On a real recording, 79 calls were advised where the policy's 5 were nearer to the demonstrations."""
+    own = Cell("euler", 1)
+    slow = replace(precise, own=own)
+    best = precise.judgement.recommended.cell
+    far, near = precise.sweep.of(best), replace(precise.sweep.of(own), demonstration_error=0.0)
+    cells = [near if result.cell == own else result for result in precise.sweep.cells]
+    (told,) = (note for note in told_about(slow, cells=cells) if "comes no nearer" in note)
+    assert told.startswith(f"{best} follows the model more exactly")
+    assert f"they are {far.demonstration_error:.3g} raw units away, now 0." in told
+    cells = [replace(near, demonstration_error=1e3) if r.cell == own else r for r in cells]
+    assert not any("comes no nearer" in note for note in told_about(slow, cells=cells))
+    assert not any("comes no nearer" in note for note in precise.notes)
 
 
 def test_modes_are_reported(forked):

@@ -24,7 +24,7 @@ from lerobot_act_chunking.errors import DatasetError
 from lerobot_act_chunking.number_checks import check_at_least
 from lerobot_act_chunking.policies.statistics import NEEDED
 from lerobot_act_chunking.policies.vqbet_chunked.presets import preset_values
-from lerobot_act_chunking.tokenizers.make import make_tokenizer
+from lerobot_act_chunking.tokenizers.make import TOKENIZERS, make_tokenizer
 from lerobot_act_chunking.tokenizers.quantizers import seeded
 from lerobot_act_chunking.tokenizers.tokenizer import ActionTokenizer
 
@@ -170,10 +170,21 @@ def _recommend(fitted: list[Fitted], allowed: float) -> tuple[Fitted, Judgement]
             ],
         )
     best = min(enough, key=lambda each: (each.bits, each.losses.lost_variance))
-    return best, Judgement(
-        "pass",
-        [
-            f"{best.candidate.name} says a chunk in the fewest bits, {best.bits:.4g}, of those that lose at "
-            f"most {allowed:.0%} of what varies on episodes they have not seen"
-        ],
+    reason = (
+        f"{best.candidate.name} says a chunk in the fewest bits, {best.bits:.4g}, of those that lose at "
+        f"most {allowed:.0%} of what varies on episodes they have not seen"
+    )
+    learned = [each for each in fitted if TOKENIZERS[each.candidate.kind].is_learned]
+    if best in learned or not learned:
+        return best, Judgement("pass", [reason])
+    return best, Judgement("warn", [reason, _many_codes(best, learned)])
+
+
+def _many_codes(best: Fitted, learned: list[Fitted]) -> str:
+    """Why to look further before training a policy on a tokenizer with a code for every coefficient."""
+    nearest = min(learned, key=lambda each: each.losses.lost_variance)
+    return (
+        f"a policy has to get all {best.tokens} of its codes right; of those with few codes the best, "
+        f"{nearest.candidate.name}, loses {nearest.losses.lost_variance:.0%}: try more --steps or shorter "
+        "chunks first"
     )

@@ -8,10 +8,7 @@ from lerobot_act_chunking.diagnostics.codebook.comparison.report import Comparis
 from lerobot_act_chunking.diagnostics.codebook.losses import Loss
 from lerobot_act_chunking.diagnostics.core.terminal import print_verdict
 
-NOTE = (
-    "lost: share of the variance, mean over the dimensions, then that of the worst; in space: mean of "
-    "the point that is farthest off."
-)
+IN_SPACE = "; in space: mean of the point that is farthest off"
 
 
 def print_report(report: ComparisonReport, console: Console) -> None:
@@ -25,9 +22,19 @@ def print_report(report: ComparisonReport, console: Console) -> None:
     message = f"fitted to {fitted_to} ({report.steps} steps, if at all), errors on {n_held_out} others:"
     console.print(message, highlight=False, soft_wrap=True)
     console.print(_table(report))
-    console.print(f"[dim]- {NOTE}[/]", highlight=False)
+    console.print(f"[dim]- {_note(report)}[/]", highlight=False)
     console.print(f"recommended: {report.flags}", highlight=False, soft_wrap=True, markup=False)
     print_verdict(report, console)
+
+
+def _note(report: ComparisonReport) -> str:
+    """What the columns mean, and how many dimensions stand still and are no part of them."""
+    losses = report.fitted[0].losses
+    n_dims = len(losses.dimensions)
+    moving = sum(loss.lost_variance is not None for loss in losses.dimensions)
+    over = "the dimensions" if moving == n_dims else f"the {moving} of {n_dims} dimensions that move"
+    space = IN_SPACE if losses.points else ""
+    return f"lost: share of the variance, mean over {over}, then that of the worst{space}."
 
 
 def _table(report: ComparisonReport) -> Table:
