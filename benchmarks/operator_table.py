@@ -21,12 +21,10 @@ PAGE = ROOT / "docs" / "studies" / "demonstrators.md"
 COLUMNS = ("crossfade 25 over 50", "crossfade 25 over 10", "ensemble 25", "open loop")
 
 FETCH_COLUMNS = (
-    "receding 2",
-    "receding 6",
+    *(f"receding {interval}" for interval in (2, 4, 6, 10, 12)),
     "open loop",
     "crossfade 6 over 12",
     "ensemble 6",
-    "crossfade 25 over 10",
 )
 
 
@@ -63,19 +61,17 @@ def by_interval() -> Iterator[str]:
 
 
 def on_fetch() -> Iterator[str]:
-    cells: dict[tuple[str, str, str], dict[str, Any]] = {}
+    cells: dict[tuple[str, str], dict[str, Any]] = {}
     for entry in json.loads((RESULTS / "operators_fetch.json").read_text()):
-        run = entry["run"]
-        cells.setdefault((run["task"], entry["operator"], run["variant"]), {})[entry["execution"]] = entry
-    yield f"| task | person | policy | {' | '.join(FETCH_COLUMNS)} |"
-    yield "|" + "---|" * (len(FETCH_COLUMNS) + 3)
-    for (task, operator, variant), row in sorted(cells.items()):
+        cells.setdefault((entry["run"]["task"], entry["operator"]), {})[entry["execution"]] = entry
+    yield f"| task | person | {' | '.join(FETCH_COLUMNS)} |"
+    yield "|" + "---|" * (len(FETCH_COLUMNS) + 2)
+    for (task, operator), row in sorted(cells.items()):
         values = [
             shown(entry["episodes"] - len(entry["failed_seeds"]), entry["episodes"]) if entry else "-"
             for entry in map(row.get, FETCH_COLUMNS)
         ]
-        kind = variant.removesuffix("_1500").replace("act_chunked_100", "act_chunked, chunks of 100")
-        yield f"| {task} | `{operator}` | {kind} | {' | '.join(values)} |"
+        yield f"| {task} | `{operator}` | {' | '.join(values)} |"
 
 
 def pushed() -> Iterator[str]:

@@ -32,11 +32,9 @@ VARIANTS = {
         for kind in ("act_chunked", "diffusion_chunked", "vqbet_chunked")
         for steps in (1500, 4000)
     },
-    "act_chunked_100_1500": Variant({"type": "act_chunked", "chunk_size": 100, **CPU}, 1500, 64),
     "act_chunked_history_1500": Variant({"type": "act_chunked", **HISTORY, **CPU}, 1500, 64),
 }
-"""Policies as they come, by type and training steps; one with long chunks, whatever the dataset; and one that
-sees what was half a second ago."""
+"""Policies as they come, by type and training steps, and one that sees what was half a second ago."""
 EXECUTIONS: dict[str, dict[str, Any]] = {
     "crossfade 25 over 50": {"execution": "crossfade", "replan_interval": 25, "crossfade_steps": 50},
     "crossfade 25 over 10": {"execution": "crossfade", "replan_interval": 25, "crossfade_steps": 10},
@@ -53,7 +51,7 @@ EXECUTIONS: dict[str, dict[str, Any]] = {
     "ensemble 6": {"execution": "ensemble", "replan_interval": 6},
     **{
         f"receding {interval}": {"execution": "receding", "replan_interval": interval}
-        for interval in (1, 2, 6)
+        for interval in (2, 4, 6, 10, 12)
     },
     "crossfade 50 over 10": {"execution": "crossfade", "replan_interval": 50, "crossfade_steps": 10},
     "open loop": {"execution": "open_loop", "replan_interval": None},

@@ -21,7 +21,6 @@ logger = logging.getLogger(__name__)
 PRESETS_FPS = 50  # control steps per second that the presets' lengths were chosen for
 LARGEST_SHARE = 0.5  # of an episode that one chunk may cover: a longer one is half padding when it is learned
 GRAIN = 5  # lengths are multiples of it, so that queries and tokens can emit several actions each
-REPLAN_S = 0.08  # [s] from one chunk to the next where actions are changes of the state
 EXECUTION = ("execution", "replan_interval", "crossfade_steps", "replan_s", "latency_steps")
 
 
@@ -74,7 +73,7 @@ def _starts_alike(config: ChunkedConfig, length: int) -> bool:
 
 
 def fit_execution(config: ChunkedConfig, meta: Any) -> None:
-    """Follow the newest chunk alone, and often, where actions are changes of the state.
+    """Follow the newest chunk alone where actions are changes of the state.
 
     Positions of two plans may be blended: each of them leads to where its plan goes. Changes must not: what
     an older plan asks for was computed for another state, and its errors add up.
@@ -89,15 +88,15 @@ def fit_execution(config: ChunkedConfig, meta: Any) -> None:
     states = [key for key, each in inputs.items() if each.type in _STATES and key in meta.features]
     if not states or not dataset_asks_for_changes(Path(meta.root), meta.features, states):
         return
-    usual, interval = config.execution, max(1, round(REPLAN_S * meta.fps))
+    usual = config.execution
     try:
-        config.settle(execution="receding", replan_interval=interval)
+        config.settle(execution="receding")
     except ConfigurationError:
         return
     logger.warning(
-        "execution=receding, replan_interval=%d, because the dataset's actions are changes of the state, and "
-        "blended plans would add up their errors (--policy.execution=%s keeps the default)",
-        *(interval, usual),
+        "execution=receding, because the dataset's actions are changes of the state, and blended plans would "
+        "add up their errors (--policy.execution=%s keeps the default)",
+        usual,
     )
 
 

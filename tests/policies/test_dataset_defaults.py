@@ -15,8 +15,6 @@ from lerobot.policies.factory import get_policy_class
 from policy_case import STATE
 from policy_cases import CASES, LENGTHS, A
 
-from lerobot_act_chunking.policies.dataset_defaults import REPLAN_S
-
 FIRST = {case.type: case for case in reversed(CASES) if case.inputs == STATE}
 """A case of each type that reads states alone."""
 every_type = pytest.mark.parametrize("kind", FIRST)
@@ -100,7 +98,8 @@ def test_changes_are_followed_by_the_newest_chunk_alone(kind, fps, tmp_path, cap
     usual = config.execution
     policy = made(config, meta_of(tmp_path, changes=True, fps=fps))
     settings = policy._action_queue.settings
-    assert (settings.execution, settings.replan_interval) == ("receding", max(1, round(REPLAN_S * fps)))
+    assert settings.execution == config.execution == "receding"
+    assert settings.replan_interval == max(1, settings.n_action_steps // 4)
     (line,) = [line for line in said(caplog) if line.startswith("execution=receding")]
     assert f"--policy.execution={usual} keeps" in line
 
@@ -224,6 +223,4 @@ def test_the_line_names_what_happens(tmp_path, caplog):
         made(config_of("act_chunked"), meta_of(tmp_path, fps=25, lengths=(50, 50), changes=True))
     first, second = said(caplog)
     assert re.match(r"chunk_size=25, 1 s at the dataset's 25 fps, because the default of 100", first)
-    assert second.startswith(
-        "execution=receding, replan_interval=2, because the dataset's actions are changes"
-    )
+    assert second.startswith("execution=receding, because the dataset's actions are changes of the state")
