@@ -21,7 +21,7 @@ logger = logging.getLogger(__name__)
 PRESETS_FPS = 50  # control steps per second that the presets' lengths were chosen for
 LARGEST_SHARE = 0.5  # of an episode that one chunk may cover: a longer one is half padding when it is learned
 GRAIN = 5  # lengths are multiples of it, so that queries and tokens can emit several actions each
-EXECUTION = ("execution", "replan_interval", "crossfade_steps", "replan_s", "latency_steps")
+EXECUTION = ("execution", "crossfade_steps")  # given, they are a choice of the mode
 
 
 def fit_to_dataset(config: ChunkedConfig, meta: Any) -> None:

@@ -115,21 +115,22 @@ def test_positions_are_blended(kind, tmp_path, caplog):
 
 @every_type
 @pytest.mark.parametrize(
-    "given",
-    [
-        {"execution": "ensemble"},
-        {"execution": "crossfade"},
-        {"replan_interval": 3},
-        {"crossfade_steps": 4},
-        {"fps": 10, "replan_s": 0.3},
-    ],
-    ids=str,
+    "given", [{"execution": "ensemble"}, {"execution": "crossfade"}, {"crossfade_steps": 4}], ids=str
 )
 def test_an_execution_that_was_given_is_kept(kind, given, tmp_path, caplog):
     config = config_of(kind, **given)
     made(config, meta_of(tmp_path, changes=True))
     assert config.execution == given.get("execution", "crossfade")
     assert not [line for line in said(caplog) if "receding" in line]
+
+
+@every_type
+@pytest.mark.parametrize("given", [{"replan_interval": 3}, {"fps": 10, "replan_s": 0.3}], ids=str)
+def test_an_interval_that_was_given_holds_for_the_mode_that_is_chosen(kind, given, tmp_path):
+    config = config_of(kind, latency_steps=1, **given)
+    policy = made(config, meta_of(tmp_path, changes=True))
+    settings = policy._action_queue.settings
+    assert (settings.execution, settings.replan_interval, settings.latency_steps) == ("receding", 3, 1)
 
 
 @every_type

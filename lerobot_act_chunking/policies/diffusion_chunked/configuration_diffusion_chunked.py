@@ -44,9 +44,8 @@ class DiffusionChunkedConfig(ChunkedConfig):
         horizon: predicted actions per chunk, ``chunk_stride`` control steps apart. Where it is not given,
             training makes it shorter for datasets of less than 50 control steps a second and for short
             episodes.
-        execution: how chunks become actions, a mode of `ExecutionSettings`. Where neither it nor an interval
-            is given and the dataset's actions are changes of the state, such as displacements, training
-            chooses ``receding``.
+        execution: how chunks become actions, a mode of `ExecutionSettings`. Where it is not given and the
+            dataset's actions are changes of the state, such as displacements, training chooses ``receding``.
         align: the first predicted action belongs to the ``current`` step, or to the ``first_obs`` as in
             Diffusion Policy, whose chunks begin in the past.
         prediction_type: what the network is asked for: ``velocity`` or ``sample`` (flow), ``epsilon``,

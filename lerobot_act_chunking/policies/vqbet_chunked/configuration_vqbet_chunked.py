@@ -37,9 +37,8 @@ class VqbetChunkedConfig(ChunkedConfig):
     Attributes (beside those of `ChunkedConfig`):
         preset: ``base`` (ours) or ``paper`` (LeRobot's `vqbet`).
         n_obs_steps: number of observations that the policy reads, the current one last.
-        execution: how chunks become actions, a mode of `ExecutionSettings`. Where neither it nor an interval
-            is given and the dataset's actions are changes of the state, such as displacements, training
-            chooses ``receding``.
+        execution: how chunks become actions, a mode of `ExecutionSettings`. Where it is not given and the
+            dataset's actions are changes of the state, such as displacements, training chooses ``receding``.
         chunk_size: predicted actions per chunk, ``chunk_stride`` control steps apart (LeRobot's
             ``action_chunk_size``). Where it is not given, training makes it shorter for datasets of less than
             50 control steps a second and for short episodes.
