@@ -33,8 +33,8 @@ class ActChunkedConfig(ChunkedConfig):
             ``autoregressive`` (observation history, velocities, an autoregressive decoder, a sampled latent).
             Pretrained backbone weights are the exception: no preset asks for them.
         execution: how chunks become actions, a mode of `ExecutionSettings`. ``base`` replans four times a
-            chunk and blends each new one in, ``paper`` runs each chunk to its end, as LeRobot does. Where it is
-            not given and the dataset's actions are changes of the state, such as displacements, training
+            chunk and blends each new one in, ``paper`` runs each chunk to its end, as LeRobot does. Where it
+            is not given and the dataset's actions are changes of the state, such as displacements, training
             chooses ``receding``.
 
         n_obs_steps: number of observations that the policy reads, the current one last.
