@@ -11,7 +11,8 @@ from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from tiers import draws
 
 import lerobot_act_chunking.plugin  # noqa: F401  (registers the policies)
-from lerobot_act_chunking.cli.main import REFUSED, app, main
+from lerobot_act_chunking.cli.main import app, main
+from lerobot_act_chunking.cli.running import REFUSED
 
 S, E, A = 6, 7, 4
 INPUTS = {

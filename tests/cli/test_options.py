@@ -5,7 +5,8 @@ import re
 import pytest
 from typer.main import get_command
 
-from lerobot_act_chunking.cli.main import EXIT_STATUS, REFUSED, STOPPED, app
+from lerobot_act_chunking.cli.main import EXIT_STATUS, app
+from lerobot_act_chunking.cli.running import REFUSED, STOPPED
 from lerobot_act_chunking.diagnostics.core.report import EXIT_CODES
 
 

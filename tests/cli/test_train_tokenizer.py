@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
-from lerobot_act_chunking.cli.main import STOPPED, main
+from lerobot_act_chunking.cli.main import main
+from lerobot_act_chunking.cli.running import STOPPED
 from lerobot_act_chunking.policies.vqbet_chunked import tokenizer_training
 from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import read_info
 
