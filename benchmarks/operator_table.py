@@ -33,18 +33,19 @@ def shown(successes: int, episodes: int) -> str:
 
 
 def by_operator() -> Iterator[str]:
-    cells: dict[tuple[str, str, int], dict[str, Any]] = {}
+    cells: dict[tuple[str, str, str], dict[str, Any]] = {}
     for entry in json.loads((RESULTS / "operators.json").read_text()):
-        key = entry["run"]["task"], entry["operator"], entry["train"]["steps"]
-        cells.setdefault(key, {})[entry["execution"]] = entry
+        steps, variant = str(entry["train"]["steps"]), entry["run"]["variant"]
+        training = f"{steps}, two observations" if "history" in variant else steps
+        cells.setdefault((entry["run"]["task"], entry["operator"], training), {})[entry["execution"]] = entry
     yield f"| task | person | training steps | {' | '.join(COLUMNS)} |"
     yield "|---|---|---|---|---|---|---|"
-    for (task, operator, steps), row in sorted(cells.items()):
+    for (task, operator, training), row in sorted(cells.items()):
         values = [
             shown(row[name]["episodes"] - len(row[name]["failed_seeds"]), row[name]["episodes"])
             for name in COLUMNS
         ]
-        yield f"| {task} | `{operator}` | {steps} | {' | '.join(values)} |"
+        yield f"| {task} | `{operator}` | {training} | {' | '.join(values)} |"
 
 
 def by_interval() -> Iterator[str]:
