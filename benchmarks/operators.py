@@ -47,7 +47,6 @@ EXECUTIONS: dict[str, dict[str, Any]] = {
         for interval in (5, 10, 15, 20)
     },
     "crossfade 6 over 12": {"execution": "crossfade", "replan_interval": 6, "crossfade_steps": 12},
-    "crossfade 2 over 2": {"execution": "crossfade", "replan_interval": 2, "crossfade_steps": 2},
     "ensemble 6": {"execution": "ensemble", "replan_interval": 6},
     **{
         f"receding {interval}": {"execution": "receding", "replan_interval": interval}

@@ -19,8 +19,9 @@ from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
 logger = logging.getLogger(__name__)
 
 PRESETS_FPS = 50  # control steps per second that the presets' lengths were chosen for
-LARGEST_SHARE = 0.5  # of an episode that one chunk may cover: a longer one is half padding when it is learned
+LARGEST_SHARE = 0.5  # of an episode that one chunk may cover; of one as long as the episode, half is padding
 GRAIN = 5  # lengths are multiples of it, so that queries and tokens can emit several actions each
+STATES = (FeatureType.STATE, FeatureType.ENV)
 EXECUTION = ("execution", "crossfade_steps")  # given, they are a choice of the mode
 
 
@@ -85,7 +86,7 @@ def fit_execution(config: ChunkedConfig, meta: Any) -> None:
     if any(config.given(name) for name in EXECUTION) or config.n_action_steps == 1:
         return
     inputs = config.input_features or {}
-    states = [key for key, each in inputs.items() if each.type in _STATES and key in meta.features]
+    states = [key for key, each in inputs.items() if each.type in STATES and key in meta.features]
     if not states or not dataset_asks_for_changes(Path(meta.root), meta.features, states):
         return
     usual = config.execution
@@ -98,6 +99,3 @@ def fit_execution(config: ChunkedConfig, meta: Any) -> None:
         "add up their errors (--policy.execution=%s keeps the default)",
         usual,
     )
-
-
-_STATES = (FeatureType.STATE, FeatureType.ENV)
