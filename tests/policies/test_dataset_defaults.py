@@ -75,6 +75,7 @@ def _quiet_statistics(monkeypatch):
         (10, (47, 47, 47), 0.2, 20),
         (50, (47, 50, 55), 0.5, 25),  # half of the median episode
         (50, (9, 9, 9), 0.0, 5),
+        (50, (20, 20, 400), 0.2, 10),  # the longest episode does not decide
     ],
 )
 def test_a_chunk_lasts_as_long_at_any_rate_and_half_an_episode_at_most(
@@ -182,7 +183,8 @@ def test_what_was_chosen_is_stored_and_loaded(kind, tmp_path):
     names = (LENGTHS[kind], "n_action_steps", "execution", "replan_interval")
     assert {name: stored[name] for name in names} == {name: getattr(config, name) for name in names}
     loaded = PreTrainedConfig.from_pretrained(tmp_path / "checkpoint")
-    assert loaded.timing == config.timing
+    assert loaded.timing == config.timing == config.variant().timing
+    assert config.variant().execution == config.execution
 
 
 @every_type
