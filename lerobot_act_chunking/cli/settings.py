@@ -69,18 +69,22 @@ def _cell(text: str) -> str:
 
 
 def _show(settings: "list[Setting]") -> None:
-    from rich.markup import escape
-    from rich.table import Table
+    """Print a line of values and a paragraph for each setting, which can be read at any width."""
+    from rich.padding import Padding
+    from rich.text import Text
 
+    console = Console()
     for group, members in groupby(settings, key=lambda setting: setting.group):
-        rows = list(members)
-        table = Table(title=f"settings of {group}", title_justify="left", show_lines=True)
-        table.add_column("setting", no_wrap=True)
-        for column in rows[0].values:
-            table.add_column(column, overflow="fold")
-        table.add_column("allowed", overflow="fold")
-        table.add_column("what it does", overflow="fold", ratio=1)
-        for row in rows:
-            cells = [row.name, *row.values.values(), row.allowed, row.meaning.replace("`", "")]
-            table.add_row(*map(escape, cells))
-        Console().print(table)
+        console.print(Text(f"Settings of {group}", style="bold underline"))
+        for row in members:
+            console.print(Text.assemble("\n", (row.name, "bold cyan"), f" = {_values(row)}"))
+            what = Text.assemble(row.meaning.replace("`", ""), (f" Allowed: {row.allowed}.", "dim"))
+            console.print(Padding(what, (0, 0, 0, 4)))
+        console.print()
+
+
+def _values(setting: "Setting") -> str:
+    """The value in the first preset, and in the others where it differs: ``100 (paper: 64)``."""
+    (_, first), *others = setting.values.items()
+    different = [f"{preset}: {value}" for preset, value in others if value != first]
+    return first + (f" ({', '.join(different)})" if different else "")

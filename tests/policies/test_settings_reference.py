@@ -64,13 +64,17 @@ def test_a_page_holds_one_row_for_each_setting(policy, preset):
     assert f"act-chunking settings {policy} --preset {preset}" in page
 
 
-def test_the_table_is_printed(capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "160")
-    assert main(["settings", TYPES[0], "--preset", "paper"]) == 0
-    out = capsys.readouterr().out
-    assert "settings of chunk execution" in out
-    assert "frozen_batch" in out
-    assert "AdamW learning rate." in out
+@pytest.mark.parametrize("columns", [40, 80, 160])
+def test_every_setting_is_printed_whole_at_any_width(columns, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    assert main(["settings", TYPES[0]]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    for setting in settings_of(TYPES[0]):
+        values = list(setting.values.values())
+        assert f"{setting.name} = {values[0]}" in printed
+        assert " ".join(f"{setting.meaning} Allowed: {setting.allowed}.".replace("`", "").split()) in printed
+        for preset, value in setting.values.items():
+            assert (f"{preset}: {value}" in printed) or value == values[0]
 
 
 def test_an_unknown_type_is_refused_with_the_known_ones():
