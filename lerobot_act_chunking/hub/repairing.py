@@ -141,4 +141,5 @@ class _Repair:
             empty = Commit.now(title="started anew", description="", parent=None, files={})
             publishing.write_snapshot(repository, empty, None)
             return empty.commit_id
-        return max(tips, key=lambda commit_id: commits[commit_id].date if commit_id in commits else "")
+        dated = lambda commit_id: commits[commit_id].date if commit_id in commits else ""  # noqa: E731
+        return max(reversed(tips), key=dated)  # without descriptions, that whose folder is the newest

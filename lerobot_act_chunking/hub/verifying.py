@@ -213,7 +213,8 @@ def _lost(repository: Repository, commit_id: str) -> str:
 def lacks_main(repository: Repository) -> bool:
     """Whether ``main`` is lost; a folder of downloads may never have had one."""
     in_the_way = (repository.ref_folder / MAIN).is_dir()
-    return in_the_way or (MAIN not in repository.refs() and bool(repository.described()))
+    pushed = os.path.lexists(repository.commit_folder)  # also where all descriptions in it are lost
+    return in_the_way or (MAIN not in repository.refs() and pushed)
 
 
 def stray_refs(repository: Repository) -> list[str]:

@@ -40,6 +40,14 @@ def damage(rng: random.Random, repository: Path, outside: Path) -> str:
     return f"{make.__name__} {victim.relative_to(repository.parent)!r}"
 
 
+def is_own_file(victim: Path) -> bool:
+    """Whether what would be written to is the repository's, not another's behind a link."""
+    if not victim.is_file():
+        return False
+    repository = next(parent for parent in victim.parents if parent.parent.name == "hub")
+    return victim.resolve().is_relative_to(repository.resolve())
+
+
 def delete(rng: random.Random, victim: Path, outside: Path) -> None:
     if victim.is_dir() and not victim.is_symlink():
         shutil.rmtree(victim)
@@ -48,30 +56,30 @@ def delete(rng: random.Random, victim: Path, outside: Path) -> None:
 
 
 def truncate(rng: random.Random, victim: Path, outside: Path) -> None:
-    if victim.is_file():
+    if is_own_file(victim):
         os.truncate(victim, rng.randrange(victim.stat().st_size + 1))
 
 
 def lengthen(rng: random.Random, victim: Path, outside: Path) -> None:
-    if victim.is_file():
+    if is_own_file(victim):
         with victim.open("ab") as file:
             file.write(b"\n")
 
 
 def make_huge(rng: random.Random, victim: Path, outside: Path) -> None:
-    if victim.is_file():
+    if is_own_file(victim):
         os.truncate(victim, 1 << 24)
 
 
 def flip(rng: random.Random, victim: Path, outside: Path) -> None:
-    if victim.is_file() and victim.stat().st_size:
+    if is_own_file(victim) and victim.stat().st_size:
         content = bytearray(victim.read_bytes())
         content[rng.randrange(len(content))] ^= 1 << rng.randrange(8)
         victim.write_bytes(content)
 
 
 def overwrite(rng: random.Random, victim: Path, outside: Path) -> None:
-    if victim.is_file():
+    if is_own_file(victim):
         victim.write_bytes(rng.choice(JUNK))
 
 

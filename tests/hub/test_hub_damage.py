@@ -264,6 +264,21 @@ def test_damage_is_one_repositorys_problem_and_the_advice_cures(
 ACT = NAMES[0]
 
 
+def test_a_lost_main_is_named_and_repaired_where_all_descriptions_are_lost_too(
+    world: tuple[LocalHub, Path, Table],
+):
+    hub, _, table = world
+    head = hub.open(ACT).resolve("main")
+    shutil.rmtree(hub.root / ACT.folder / ".hub" / "commits")
+    (hub.root / ACT.folder / ".hub" / "commits").mkdir()
+    os.utime(hub.root / ACT.folder / "snapshots" / head)
+    (hub.root / ACT.folder / "refs" / "main").unlink()
+    (problem,) = verify_named(hub, ACT).problems
+    assert "refs/main is missing or a folder" in problem
+    assert cure(hub, ACT, table).problems == []
+    assert hub.open(ACT).resolve("main") == head
+
+
 def test_a_lost_main_is_named_and_repaired_to_the_newest_revision(world: tuple[LocalHub, Path, Table]):
     hub, _, table = world
     head = hub.open(ACT).resolve("main")
