@@ -23,6 +23,7 @@ from rich.rule import Rule
 from lerobot_act_chunking.compat import trackers_off
 from lerobot_act_chunking.durable_files import write_atomically
 from lerobot_act_chunking.errors import ActChunkingError, ConfigurationError, unknown_choice
+from lerobot_act_chunking.json_files import read_json
 
 TASKS = ("transfer_cube", "insertion")
 LOCAL_HUB = "LEROBOT_LOCAL_HUB"
@@ -233,7 +234,13 @@ def claim_folder(plan: QuickstartPlan) -> None:
     settings = {name: value for name, value in asdict(plan).items() if name != "folder"}
     note = plan.folder / "quickstart.json"
     if note.exists():
-        held = json.loads(note.read_text())
+        try:
+            held = dict(read_json(note))
+        except (ValueError, TypeError) as error:
+            raise ConfigurationError(
+                f"{note} is damaged ({error}): with the settings of that quickstart, remove the file and "
+                "repeat the command to go on; otherwise give another --output-dir"
+            ) from error
         differing = [f"{name}={held.get(name)}" for name in settings if held.get(name) != settings[name]]
         if differing:
             raise ConfigurationError(

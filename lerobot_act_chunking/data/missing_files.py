@@ -1,11 +1,12 @@
 """Which files a LeRobotDataset's folder lacks."""
 
-import json
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
+
+from lerobot_act_chunking.json_files import read_json
 
 INFO = "meta/info.json"
 NAMED = 3  # missing files that a message names
@@ -38,7 +39,7 @@ def missing_files(folder: Path) -> list[str]:
 
 def _expected(folder: Path) -> list[str]:
     """Every file that there should be, in the order of reading, each once."""
-    info = json.loads((folder / INFO).read_text())
+    info = read_json(folder / INFO)
     names = {"meta/tasks.parquet": None}
     tables = sorted((folder / "meta" / "episodes").rglob("*.parquet"))
     if not tables:

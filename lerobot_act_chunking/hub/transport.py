@@ -93,6 +93,8 @@ class LocalHubTransport(httpx.BaseTransport):
         route = (request.method, action)
         if self.fall_through and route in READS and not self.hub.holds(hub_request.checked_name):
             return self._ask_outside(request)
+        if not action and request.method not in ("GET", "HEAD"):
+            raise _without_action(request)
         if route not in REPOSITORY_ROUTES:
             raise _unsupported(request)
         return REPOSITORY_ROUTES[route](hub_request)
@@ -187,6 +189,12 @@ _GLOBAL_ROUTES: dict[tuple[str, str], Handler] = {
 
 def _unsupported(request: httpx.Request) -> RefusedError:
     return RefusedError(f"the local hub has no answer to {request.method} {shorten(request.url.path)}", 404)
+
+
+def _without_action(request: httpx.Request) -> RefusedError:
+    """Clients resolve ``.`` and ``..`` in addresses, and with them what was to be done."""
+    where = f"{request.method} {shorten(request.url.path)}"
+    return RefusedError(f"{where} names a repository and no more; no branch can be called '..'", 400)
 
 
 def _disk_refusal(error: OSError, hub: LocalHub) -> RefusedError:

@@ -22,6 +22,7 @@ from filelock import FileLock, Timeout
 
 from lerobot_act_chunking.durable_files import fill_atomically, publish, sync_tree, write_atomically
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.json_files import read_json
 from lerobot_act_chunking.recording.episode import Episode
 from lerobot_act_chunking.recording.lossless import LosslessVideo
 
@@ -136,7 +137,13 @@ def _agree(folder: Path, manifest: dict[str, Any]) -> None:
     if not path.exists():
         write_atomically(path, json.dumps(manifest, indent=2).encode())
         return
-    different = differences(json.loads(path.read_text()), manifest)
+    try:
+        different = differences(read_json(path), manifest)
+    except (ValueError, TypeError, AttributeError) as error:
+        raise ConfigurationError(
+            f"{path} is damaged ({error}): with the settings of the unfinished recording, remove that file "
+            "and repeat the command to go on; otherwise choose another root"
+        ) from error
     if different:
         raise ConfigurationError(
             f"{folder} holds an unfinished recording with other settings ({different}); "

@@ -5,7 +5,6 @@ editing (merge, split, delete episodes) makes new datasets without them. Columns
 would survive that, but its writer takes none from outside.
 """
 
-import json
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from lerobot_act_chunking.errors import DatasetError
+from lerobot_act_chunking.json_files import read_json
 
 SUMMARY_PATH = "meta/recording.json"
 
@@ -93,7 +93,7 @@ def read_summary(root: Path) -> RecordingSummary:
     if not path.exists():
         raise DatasetError(f"{root} holds no dataset recorded by act-chunking ({SUMMARY_PATH} is missing)")
     try:
-        content = json.loads(path.read_text())
+        content = read_json(path)
         return RecordingSummary(
             settings=content["settings"],
             versions=content["versions"],

@@ -150,3 +150,13 @@ def test_ctrl_c_is_status_130_and_says_how_to_go_on(monkeypatch, capsys, tmp_pat
     monkeypatch.setenv("LEROBOT_LOCAL_HUB", str(tmp_path / "hub"))
     assert cli.main(["quickstart", "--output-dir", str(tmp_path)]) == 130
     assert "run the same command again" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("damage", [b"", b"[" * 100_000, b"3", b"\xff"])
+def test_a_damaged_note_is_refused_and_can_be_removed(tmp_path, capsys, damage):
+    quickstart.claim_folder(QuickstartPlan(tmp_path))
+    (tmp_path / "quickstart.json").write_bytes(damage)
+    assert cli.main(["quickstart", "--output-dir", str(tmp_path)]) == 1
+    assert "quickstart.json is damaged" in capsys.readouterr().err
+    (tmp_path / "quickstart.json").unlink()
+    quickstart.claim_folder(QuickstartPlan(tmp_path))

@@ -205,6 +205,15 @@ def test_missing_things_raise_the_same_errors_as_the_real_hub(api: HfApi, folder
         api.move_repo("me/act", "me/other")
 
 
+def test_a_branch_that_is_lost_in_its_address_is_refused(hub: LocalHub, api: HfApi):
+    api.create_repo("me/act")
+    for change in (api.create_branch, api.delete_branch):
+        with pytest.raises(HfHubHTTPError, match=r"no branch can be called '\.\.'"):
+            change("me/act", branch="..")
+    [branch] = api.list_repo_refs("me/act").branches
+    assert branch.name == "main"
+
+
 def test_datasets_and_models_of_one_name_are_apart(hub: LocalHub, api: HfApi):
     api.create_repo("me/cube")
     api.create_repo("me/cube", repo_type="dataset")

@@ -72,6 +72,21 @@ def test_another_manifest_is_refused_and_says_what_differs(tmp_path):
         pass
 
 
+@pytest.mark.parametrize("damage", [b"", b"[" * 100_000, b"[1]", b"\xff"])
+def test_a_damaged_manifest_is_refused_and_loses_no_attempt(tmp_path, damage):
+    root = tmp_path / "cube"
+    with open_staging(root, MANIFEST) as staging:
+        staging.store.save(FakeSource().play(0))
+    manifest = staging_folder(root) / "manifest.json"
+    manifest.write_bytes(damage)
+    message = r"manifest\.json is damaged .*remove that file and repeat the command to go on"
+    with pytest.raises(ConfigurationError, match=message), open_staging(root, MANIFEST):
+        pass
+    manifest.unlink()
+    with open_staging(root, MANIFEST) as staging:
+        assert list(staging.store.outcomes()) == [0]
+
+
 def test_settings_are_compared_as_json(tmp_path):
     for cameras in (("top",), ["top"]):
         with open_staging(tmp_path / "cube", {"cameras": cameras}):

@@ -1,11 +1,11 @@
 """What a checkpoint says of its training: the data, the control rate, and whether it has learned anything."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.json_files import read_json
 
 UNTRAINED = (
     "the policy at {checkpoint} is untrained (its weights are still the initial ones), so that this says "
@@ -54,9 +54,9 @@ def read_training(checkpoint: str, config: Any = None) -> Training:
     if not path.is_file():
         return Training(fps=own)
     try:
-        dataset = json.loads(path.read_text())["dataset"]
+        dataset = read_json(path)["dataset"]
         folder = dataset.get("root") or str(HF_LEROBOT_HOME / dataset["repo_id"])
-    except (json.JSONDecodeError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise ConfigurationError(
             f"{path} is no training configuration of lerobot-train ({error!r}): remove it, or restore it"
         ) from error
@@ -78,7 +78,7 @@ def dataset_features(folder: str | Path | None) -> dict[str, Any]:
 def _info(folder: str | Path | None) -> dict[str, Any]:
     """Whoever needs the dataset itself says what is wrong with it."""
     try:
-        info = json.loads((Path(folder) / "meta" / "info.json").read_text()) if folder else {}
+        info = read_json(Path(folder) / "meta" / "info.json") if folder else {}
     except (OSError, ValueError):
         return {}
     return info if isinstance(info, dict) else {}

@@ -1,6 +1,5 @@
 """Who demonstrates, and whom to hold out for validation."""
 
-import json
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 
 from lerobot_act_chunking.diagnostics.data.recording import EPISODE, read_columns
 from lerobot_act_chunking.errors import FeatureError
+from lerobot_act_chunking.json_files import read_json
 
 SUMMARY = "meta/recording.json"
 """What ``act-chunking record`` writes."""
@@ -92,7 +92,7 @@ def _single(value: Any) -> Any:
 def _of_summary(path: Path) -> dict[int, str]:
     """Operators among the details of the episodes; none where the file is absent or another's."""
     try:
-        episodes = json.loads(path.read_text())["episodes"]
+        episodes = read_json(path)["episodes"]
         return {
             int(each["episode_index"]): str(each["details"]["operator"])
             for each in episodes

@@ -9,6 +9,7 @@ from typing import Any
 from lerobot_act_chunking.diagnostics.tune.measuring import CandidateCell, Outcome
 from lerobot_act_chunking.durable_files import write_atomically
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.json_files import read_json
 
 FILE = "episodes.json"
 DEFAULT_PARENT = Path("outputs/tune")
@@ -36,7 +37,7 @@ class Store:
         if not file.exists():
             return {}
         try:
-            content = json.loads(file.read_text())
+            content = read_json(file)
             question, outcomes = dict(content["question"]), dict[str, str](content["outcomes"])
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise ConfigurationError(

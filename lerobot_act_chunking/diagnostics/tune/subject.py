@@ -8,6 +8,7 @@ from typing import Any
 
 from lerobot_act_chunking.diagnostics.tune.candidates import FIELDS, STEPS, Candidate, make_candidates
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.json_files import read_json
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
 from lerobot_act_chunking.policies.loading import CONFIG, WEIGHTS, LoadedPolicy, load_policy, read_config
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
@@ -78,7 +79,7 @@ def digest(subject: Subject) -> str:
     if not folder.is_dir():
         content.update(subject.checkpoint.encode())
         return content.hexdigest()
-    config = json.loads((folder / CONFIG).read_text())
+    config = read_json(folder / CONFIG)
     kept = {name: value for name, value in config.items() if name not in (*FIELDS, STEPS, "replan_s")}
     content.update(json.dumps(kept, sort_keys=True).encode())
     with (folder / WEIGHTS).open("rb") as file:

@@ -10,6 +10,7 @@ from lerobot_act_chunking.diagnostics.tune.candidates import Candidate
 from lerobot_act_chunking.diagnostics.tune.subject import Subject
 from lerobot_act_chunking.durable_files import write_atomically
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.json_files import read_json
 from lerobot_act_chunking.policies.loading import CONFIG
 
 
@@ -78,7 +79,7 @@ def write(checkpoint: str, made: list[Change]) -> None:
         ConfigurationError: the disk does not take it.
     """
     path = Path(checkpoint) / CONFIG
-    content = json.loads(path.read_text())
+    content = read_json(path)
     content |= {change.name: change.new for change in made}
     try:
         write_atomically(path, json.dumps(content, indent=4).encode())

@@ -2,7 +2,6 @@
 
 import copy
 import importlib
-import json
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from lerobot.configs import PreTrainedConfig
 from lerobot.utils.import_utils import register_third_party_plugins
 
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
+from lerobot_act_chunking.json_files import read_json
 from lerobot_act_chunking.nn.vision.torchvision_models import NAMES, cached_weights
 from lerobot_act_chunking.policies.chunk_length import COUNTED_FROM_FIRST_OBSERVATION, chunk_length
 from lerobot_act_chunking.policies.loading import check_checkpoint
@@ -41,7 +41,7 @@ def read_inner(path: str) -> dict[str, Any]:
     check_checkpoint(path)
     try:
         file = Path(path) / CONFIG_NAME if Path(path).is_dir() else hf_hub_download(path, CONFIG_NAME)
-        settings = json.loads(Path(file).read_text())
+        settings = read_json(Path(file))
         if not isinstance(settings, dict):
             raise ValueError(f"it holds {type(settings).__name__}, no settings")
     except (OSError, ValueError) as error:

@@ -11,7 +11,6 @@ from 0.4       the same                             ``policy_preprocessor.json``
 =============  ===================================  ==============================================
 """
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -31,6 +30,7 @@ from safetensors.torch import load_file
 from torch import Tensor
 
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.json_files import read_json
 
 Statistics = dict[str, dict[str, Tensor]]
 
@@ -81,7 +81,7 @@ def read_checkpoint(folder: Path) -> ActCheckpoint:
 
 def _read_settings(folder: Path) -> dict[str, Any]:
     try:
-        settings = json.loads(_file(folder, "config.json").read_text())
+        settings = read_json(_file(folder, "config.json"))
     except ValueError as error:
         raise ConfigurationError(f"{folder / 'config.json'} is damaged: {error}") from error
     if not isinstance(settings, dict):
