@@ -19,6 +19,14 @@ ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
 PAGE = ROOT / "docs" / "studies" / "demonstrators.md"
 COLUMNS = ("crossfade 25 over 50", "crossfade 25 over 10", "ensemble 25", "open loop")
+EVERYBODY, EVERYBODY_COLUMNS = "everybody", ("crossfade 25 over 50", "ensemble 25", "open loop")
+
+NAMES = {
+    "act_2400": "LeRobot's `act`, small",
+    "act_chunked_history_1500": "`act_chunked`, two observations",
+    "act_small_4000": "`act_chunked`, the quickstart's sizes",
+    "diffusion_1600": "LeRobot's `diffusion`, small",
+}
 
 FETCH_COLUMNS = (
     *(f"receding {interval}" for interval in (2, 4, 6, 10, 12)),
@@ -35,6 +43,8 @@ def shown(successes: int, episodes: int) -> str:
 def by_operator() -> Iterator[str]:
     cells: dict[tuple[str, str, str], dict[str, Any]] = {}
     for entry in json.loads((RESULTS / "operators.json").read_text()):
+        if entry["operator"] == EVERYBODY:
+            continue
         steps, variant = str(entry["train"]["steps"]), entry["run"]["variant"]
         training = f"{steps}, two observations" if "history" in variant else steps
         cells.setdefault((entry["run"]["task"], entry["operator"], training), {})[entry["execution"]] = entry
@@ -46,6 +56,24 @@ def by_operator() -> Iterator[str]:
             for name in COLUMNS
         ]
         yield f"| {task} | `{operator}` | {training} | {' | '.join(values)} |"
+
+
+def of_everybody() -> Iterator[str]:
+    cells: dict[tuple[str, str, int], dict[str, Any]] = {}
+    for entry in json.loads((RESULTS / "operators.json").read_text()):
+        if entry["operator"] == EVERYBODY:
+            run = entry["run"]
+            cells.setdefault((run["task"], run["variant"], run["seed"]), {})[entry["execution"]] = entry
+    yield f"| task | policy | training steps | CPU minutes | {' | '.join(EVERYBODY_COLUMNS)} |"
+    yield "|" + "---|" * (4 + len(EVERYBODY_COLUMNS))
+    for (task, variant, _), row in sorted(cells.items()):
+        values = [
+            shown(entry["episodes"] - len(entry["failed_seeds"]), entry["episodes"]) if entry else "-"
+            for entry in map(row.get, EVERYBODY_COLUMNS)
+        ]
+        train = next(iter(row.values()))["train"]
+        name = NAMES.get(variant) or f"`{variant.rpartition('_')[0]}`"
+        yield f"| {task} | {name} | {train['steps']} | {train['cpu_minutes']:.1f} | {' | '.join(values)} |"
 
 
 def by_interval() -> Iterator[str]:
@@ -86,6 +114,7 @@ def with_tables(text: str) -> str:
     """The page with its tables as the results have them."""
     tables = {
         "operators": by_operator(),
+        "everybody": of_everybody(),
         "intervals": by_interval(),
         "pushed": pushed(),
         "fetch": on_fetch(),

@@ -16,7 +16,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from act_variants import LEROBOT_SMALL
+from act_variants import LEROBOT_SMALL, RECIPE
 from diffusion_variants import LEROBOT as LEROBOT_DIFFUSION
 from policy_study import Cell, Run, Study, row
 from policy_training import Variant
@@ -27,6 +27,7 @@ from lerobot_act_chunking.envs.operators import OPERATORS
 
 EVERYBODY = "everybody"
 CPU = {"device": "cpu", "push_to_hub": False}
+QUICKSTART: dict[str, Any] = RECIPE["policy"]
 HISTORY = {"n_obs_steps": 2, "obs_stride": 25, "history_dropout": 0.3}
 VARIANTS = {
     **{
@@ -35,11 +36,12 @@ VARIANTS = {
         for steps in (1500, 4000)
     },
     "act_chunked_history_1500": Variant({"type": "act_chunked", **HISTORY, **CPU}, 1500, 64),
+    "act_small_4000": Variant(QUICKSTART, 4000, 64),
     "act_2400": Variant(LEROBOT_SMALL, 2400, 64, fast_reader=True),
     "diffusion_1600": Variant(LEROBOT_DIFFUSION, 1600, 64, fast_reader=True),
 }
-"""Policies as they come, by type and training steps, one that sees what was half a second ago, and LeRobot's
-own in sizes for a CPU, for about as many minutes as ours take for 4000 steps."""
+"""Policies as they come, by type and training steps; one that sees what was half a second ago; the
+quickstart's sizes; LeRobot's own in sizes for a CPU, for about the minutes of 4000 of our steps."""
 AS_TRAINED = "as trained"
 EXECUTIONS: dict[str, dict[str, Any]] = {
     "crossfade 25 over 50": {"execution": "crossfade", "replan_interval": 25, "crossfade_steps": 50},

@@ -5,6 +5,7 @@ import sys
 import time
 
 import pytest
+from tiers import full_tier
 
 from lerobot_act_chunking.cli.main import main
 from lerobot_act_chunking.recording import RecordSpec, read_summary, record
@@ -67,7 +68,7 @@ def test_usage_errors_are_status_2(command, message, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("finished", [1, 5])
+@pytest.mark.parametrize("finished", [1, pytest.param(5, marks=full_tier)])
 def test_the_command_killed_for_real_resumes(tmp_path, finished):
     """Kill -9 on the whole command, workers and all, at no moment in particular."""
     root, episodes = tmp_path / "cube", tmp_path / ".cube.recording" / "episodes"

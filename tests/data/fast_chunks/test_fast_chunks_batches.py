@@ -9,6 +9,7 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.datasets.sampler import EpisodeAwareSampler
 from lerobot.utils.collate import lerobot_collate_fn
 from lerobot_sets import assert_same, seconds
+from tiers import full_tier
 from torch.utils.data import DataLoader, Subset
 
 from lerobot_act_chunking.data.fast_chunks.batch import GatheredBatch
@@ -95,7 +96,7 @@ def test_batches_of_forked_workers(states, open_both):
     assert_same(ours, list(loader(stock)))
 
 
-@pytest.mark.slow
+@full_tier
 def test_batches_of_spawned_workers(states, open_both):
     fast, stock = open_both(states, delta_timestamps=CHUNK)
     ours = loader(fast, num_workers=2, multiprocessing_context="spawn", persistent_workers=True)
