@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tiers import full_tier
 
 NO_NETWORK = """
 import socket
@@ -43,8 +44,8 @@ def test_the_block_blocks(airplane):
     assert "airplane mode" in done.stderr
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(600)
+@full_tier
+@pytest.mark.timeout(1800)
 def test_quickstart_runs_offline_quietly_and_goes_on_where_it_was(tmp_path, airplane):
     command = [
         *(str(Path(sys.executable).parent / "act-chunking"), "quickstart"),

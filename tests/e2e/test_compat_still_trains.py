@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from policy_cases import MODULES, TYPES
+from tiers import full_tier
 
-pytestmark = pytest.mark.slow
+pytestmark = full_tier
 
 STRANGERS = """
 import sys

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tiers import full_tier
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -19,8 +20,8 @@ def run(name: str, *args: str) -> str:
     return done.stdout
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(600)
+@full_tier
+@pytest.mark.timeout(1800)
 def test_the_examples_build_on_each_other(tmp_path):
     data, out = tmp_path / "dataset", tmp_path / "train"
     recorded = run("01_record.py", "--root", str(data), "--episodes", "2")
