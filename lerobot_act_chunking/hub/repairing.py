@@ -141,5 +141,6 @@ class _Repair:
             empty = Commit.now(title="started anew", description="", parent=None, files={})
             publishing.write_snapshot(repository, empty, None)
             return empty.commit_id
-        dated = lambda commit_id: commits[commit_id].date if commit_id in commits else ""  # noqa: E731
-        return max(reversed(tips), key=dated)  # without descriptions, that whose folder is the newest
+        dates = {commit_id: commit.date for commit_id, commit in commits.items()}
+        # Among revisions without a description, that whose folder is the newest.
+        return max(reversed(tips), key=lambda commit_id: dates.get(commit_id, ""))
