@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from huggingface_hub import scan_cache_dir
 from policy_cases import MODULES, TYPES
+from tiers import full_tier
 
 from lerobot_act_chunking.compat import trackers_off
 from lerobot_act_chunking.hub.names import RepoName
@@ -176,6 +177,7 @@ def evaluated(station: Workstation, name: str) -> dict:
     return json.loads(path.read_text())
 
 
+@full_tier
 def test_train_push_evaluate_resume_without_a_network(tmp_path: Path):
     station = Workstation(tmp_path)
     hub = LocalHub(station.hub)

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tiers import full_tier
 
 MEASURE = r"""
 import re, sys, warnings
@@ -46,7 +47,7 @@ def test_memory_does_not_grow_with_the_file(tmp_path: Path):
     assert memory_of_a_push(tmp_path, 100_000_000) < 50
 
 
-@pytest.mark.slow
+@full_tier
 def test_two_gigabytes_need_less_than_200_megabytes(tmp_path: Path):
     needed = memory_of_a_push(tmp_path, 2_000_000_000)
     print(f"\npeak memory of a 2 GB push: {needed:.0f} MB above the process without it")

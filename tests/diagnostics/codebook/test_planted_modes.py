@@ -4,7 +4,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pytest
+from tiers import full_tier
 
 sys.path.append(str(Path(__file__).parents[3] / "benchmarks"))
 
@@ -40,7 +40,7 @@ def test_chunks_are_judged_by_the_nearest_expert():
     assert found.covered(THREE) == 2
 
 
-@pytest.mark.slow
+@full_tier
 def test_codes_cover_two_modes_that_l2_blends():
     from planted_modes import run
 

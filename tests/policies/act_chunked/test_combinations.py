@@ -5,6 +5,7 @@ from itertools import product
 import pytest
 import torch
 from policy_cases import ENVIRONMENT, STATE, A, B, Case
+from tiers import FULL
 
 from lerobot_act_chunking.heads.make import HEADS
 from lerobot_act_chunking.heads.regression import RegressionHead
@@ -54,7 +55,7 @@ def name_of(combination):
     return "-".join(map(str, combination))
 
 
-@pytest.fixture(params=COMBINATIONS, ids=name_of)
+@pytest.fixture(params=COMBINATIONS if FULL else PAIRS, ids=name_of)
 def case(request):
     return make_case(*request.param)
 

@@ -3,12 +3,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
+from tiers import full_tier
 
 SCRIPT = Path(__file__).with_name("compiled_process.py")
 
 
-@pytest.mark.slow
+@full_tier
 def test_a_compiled_policy_is_the_eager_one_for_every_batch_size():
     environment = {
         **os.environ,
