@@ -22,10 +22,8 @@ COLUMNS = ("crossfade 25 over 50", "crossfade 25 over 10", "ensemble 25", "open 
 EVERYBODY, EVERYBODY_COLUMNS = "everybody", ("crossfade 25 over 50", "ensemble 25", "open loop")
 
 NAMES = {
-    "act_2400": "LeRobot's `act`, small",
     "act_chunked_history_1500": "`act_chunked`, two observations",
     "act_small_4000": "`act_chunked`, the quickstart's sizes",
-    "diffusion_1600": "LeRobot's `diffusion`, small",
 }
 
 FETCH_COLUMNS = (

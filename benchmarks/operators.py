@@ -16,8 +16,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from act_variants import LEROBOT_SMALL, RECIPE
-from diffusion_variants import LEROBOT as LEROBOT_DIFFUSION
+from act_variants import RECIPE
 from policy_study import Cell, Run, Study, row
 from policy_training import Variant
 from rich.console import Console
@@ -27,7 +26,6 @@ from lerobot_act_chunking.envs.operators import OPERATORS
 
 EVERYBODY = "everybody"
 CPU = {"device": "cpu", "push_to_hub": False}
-QUICKSTART: dict[str, Any] = RECIPE["policy"]
 HISTORY = {"n_obs_steps": 2, "obs_stride": 25, "history_dropout": 0.3}
 VARIANTS = {
     **{
@@ -36,13 +34,10 @@ VARIANTS = {
         for steps in (1500, 4000)
     },
     "act_chunked_history_1500": Variant({"type": "act_chunked", **HISTORY, **CPU}, 1500, 64),
-    "act_small_4000": Variant(QUICKSTART, 4000, 64),
-    "act_2400": Variant(LEROBOT_SMALL, 2400, 64, fast_reader=True),
-    "diffusion_1600": Variant(LEROBOT_DIFFUSION, 1600, 64, fast_reader=True),
+    "act_small_4000": Variant(RECIPE["policy"], 4000, 64),
 }
-"""Policies as they come, by type and training steps; one that sees what was half a second ago; the
-quickstart's sizes; LeRobot's own in sizes for a CPU, for about the minutes of 4000 of our steps."""
-AS_TRAINED = "as trained"
+"""Policies as they come, by type and training steps; one that sees what was half a second ago; and the
+quickstart's sizes."""
 EXECUTIONS: dict[str, dict[str, Any]] = {
     "crossfade 25 over 50": {"execution": "crossfade", "replan_interval": 25, "crossfade_steps": 50},
     "crossfade 25 over 10": {"execution": "crossfade", "replan_interval": 25, "crossfade_steps": 10},
@@ -74,17 +69,12 @@ def runs(task: str, variants: list[str], seeds: list[int], executions: list[str]
     """All that is asked for of one task."""
     for variant in variants:
         for seed in seeds:
-            if VARIANTS[variant].is_lerobot:
-                yield Run(task, variant, seed)
-                continue
             for name in executions:
                 yield Run(task, variant, seed, sampling={**UNSET, **EXECUTIONS[name]})
 
 
 def named(cell: Cell) -> str:
     """The execution of a cell."""
-    if not cell.run["sampling"]:
-        return AS_TRAINED
     return next(name for name, asked in EXECUTIONS.items() if {**UNSET, **asked} == cell.run["sampling"])
 
 

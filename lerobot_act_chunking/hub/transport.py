@@ -192,7 +192,7 @@ def _unsupported(request: httpx.Request) -> RefusedError:
 
 
 def _without_action(request: httpx.Request) -> RefusedError:
-    """Clients resolve ``.`` and ``..`` in addresses, and with them what was to be done."""
+    """The client removed a branch ``..`` from its address, and the action before it."""
     where = f"{request.method} {shorten(request.url.path)}"
     return RefusedError(f"{where} names a repository and no more; no branch can be called '..'", 400)
 

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from lerobot_act_chunking.durable_files import write_atomically
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.json_files import parse_json
 from lerobot_act_chunking.number_checks import check_at_least
 from lerobot_act_chunking.policies.statistics import NEEDED, floored_statistics
 from lerobot_act_chunking.tokenizers.make import building_settings
@@ -97,7 +98,7 @@ class TokenizerInfo:
     @classmethod
     def from_json(cls, text: str) -> "TokenizerInfo":
         """From its text."""
-        values = json.loads(text)
+        values = parse_json(text)
         parts = {
             "spec": TokenizerSpec.from_values(values["spec"]),
             "training": TokenizerTraining(**values.pop(_TRAINING)),
@@ -134,7 +135,7 @@ def read_info(path: Path) -> TokenizerInfo:
         with safe_open(path, "pt") as file:
             header = (file.metadata() or {})[HEADER]
         return TokenizerInfo.from_json(header)
-    except (SafetensorError, KeyError, TypeError) as error:
+    except (SafetensorError, ValueError, KeyError, TypeError) as error:
         raise ConfigurationError(
             f"{path} is not a file of act-chunking train-tokenizer (or of another version): {error}"
         ) from error

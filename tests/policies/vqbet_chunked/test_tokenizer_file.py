@@ -11,6 +11,7 @@ from safetensors.torch import save_file
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked import VqbetChunkedConfig
 from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import (
+    HEADER,
     TokenizerInfo,
     TokenizerTraining,
     check_fits,
@@ -101,6 +102,13 @@ def test_absent_and_foreign_files(tmp_path):
     for name in ("other.safetensors", "text"):
         with pytest.raises(ConfigurationError, match=f"{name} is not a file of act-chunking train-tokenizer"):
             read_info(tmp_path / name)
+
+
+@pytest.mark.parametrize("header", ["", "not JSON", "[" * 100_000, "[1]", "{}"])
+def test_a_damaged_header_is_no_tokenizers(header, tmp_path):
+    save_file({"weight": torch.zeros(2)}, tmp_path / "damaged.safetensors", {HEADER: header})
+    with pytest.raises(ConfigurationError, match="is not a file of act-chunking train-tokenizer"):
+        read_info(tmp_path / "damaged.safetensors")
 
 
 def test_a_policy_of_the_same_chunks_fits():
