@@ -1,6 +1,7 @@
 """What the package imports is what it declares, with floors that it was seen to work with."""
 
 import ast
+import functools
 import re
 import runpy
 import subprocess
@@ -16,7 +17,6 @@ from packaging.utils import canonicalize_name
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "lerobot_act_chunking"
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-DISTRIBUTIONS = metadata.packages_distributions()
 NEVER_IMPORTED = {"gym-aloha"}  # its models are read
 
 
@@ -29,6 +29,12 @@ OPTIONAL = requirements(
     line for extra in PROJECT["project"]["optional-dependencies"].values() for line in extra
 )
 TESTED_WITH = requirements(PROJECT["tool"]["uv"]["constraint-dependencies"])
+
+
+@functools.cache
+def distributions():
+    """The distributions of each top-level name: seconds, so not while pytest collects."""
+    return metadata.packages_distributions()
 
 
 def imported_names(tree):
@@ -48,17 +54,17 @@ def third_party(files, own=()):
         for name in imported_names(ast.parse(file.read_text())):
             top = name.split(".")[0]
             if top not in sys.stdlib_module_names and top != PACKAGE.name and top not in own:
-                assert top in DISTRIBUTIONS, f"{file} imports {top}, which no distribution here has"
-                found[canonicalize_name(DISTRIBUTIONS[top][0])] = file.relative_to(ROOT)
+                assert top in distributions(), f"{file} imports {top}, which no distribution here has"
+                found[canonicalize_name(distributions()[top][0])] = file.relative_to(ROOT)
     return found
 
 
-IMPORTED = third_party(PACKAGE.rglob("*.py"))
 DEVELOPMENT = requirements(PROJECT["dependency-groups"]["dev"])
 
 
 def test_every_import_is_declared():
-    missing = {name: str(file) for name, file in IMPORTED.items() if name not in DECLARED | OPTIONAL}
+    found = third_party(PACKAGE.rglob("*.py"))
+    missing = {name: str(file) for name, file in found.items() if name not in DECLARED | OPTIONAL}
     assert missing == {}
 
 
@@ -75,7 +81,7 @@ def test_every_import_beside_the_package_is_declared(folder):
 
 
 def test_everything_declared_is_imported():
-    assert (DECLARED | OPTIONAL).keys() - NEVER_IMPORTED == IMPORTED.keys()
+    assert (DECLARED | OPTIONAL).keys() - NEVER_IMPORTED == third_party(PACKAGE.rglob("*.py")).keys()
 
 
 def test_optional_packages_are_imported_only_where_they_are_needed():
@@ -89,7 +95,7 @@ def test_optional_packages_are_imported_only_where_they_are_needed():
             [],
         )
         names = {name.split(".")[0] for name in imported_names(top_level)}
-        optional = {name for name in names if canonicalize_name(DISTRIBUTIONS.get(name, [""])[0]) in OPTIONAL}
+        optional = {name for name in names if canonicalize_name(distributions().get(name, [""])[0]) in OPTIONAL}
         assert not optional, file
 
 
