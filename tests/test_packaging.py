@@ -95,7 +95,9 @@ def test_optional_packages_are_imported_only_where_they_are_needed():
             [],
         )
         names = {name.split(".")[0] for name in imported_names(top_level)}
-        optional = {name for name in names if canonicalize_name(distributions().get(name, [""])[0]) in OPTIONAL}
+        optional = {
+            name for name in names if canonicalize_name(distributions().get(name, [""])[0]) in OPTIONAL
+        }
         assert not optional, file
 
 

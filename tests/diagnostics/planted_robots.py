@@ -8,7 +8,7 @@ from tiers import draws
 
 from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes
 
-ROBOTS = draws(gate=20, full=300)
+ROBOTS = draws(gate=8, full=300)
 FPS = (10, 15, 20, 30, 50)
 KINDS = ("constant", "parked", "tremor", "quantised")
 

@@ -205,7 +205,7 @@ def cure(hub: LocalHub, name: RepoName, table: Table) -> Report:
     raise AssertionError(f"advice in a circle: {report.problems}")
 
 
-@pytest.mark.parametrize("seed", range(draws(20, 500)))
+@pytest.mark.parametrize("seed", range(draws(10, 500)))
 def test_damage_is_one_repositorys_problem_and_the_advice_cures(
     world: tuple[LocalHub, Path, Table], tmp_path: Path, seed: int
 ):

@@ -72,7 +72,7 @@ def assert_loads(repo_id: str, kind: str, revision: str, files: dict[str, bytes]
             assert loaded.read_bytes() == content
 
 
-@pytest.mark.parametrize("seed", range(draws(20, 500)))
+@pytest.mark.parametrize("seed", range(draws(10, 500)))
 def test_what_is_accepted_can_be_loaded(
     hub: LocalHub, api: HfApi, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int
 ):

@@ -3,8 +3,9 @@
 import pytest
 import torch
 from policy_cases import A, of_every_type
+from tiers import some
 
-SAMPLING = of_every_type("SAMPLING")
+SAMPLING = some(7, of_every_type("SAMPLING"))
 N_EPISODES, STEPS = 3, 7
 
 

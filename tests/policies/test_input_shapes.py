@@ -11,6 +11,7 @@ import torch
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from policy_cases import SIZES, Case, T
+from tiers import some
 
 from lerobot_act_chunking.errors import FeatureError
 
@@ -77,9 +78,11 @@ def shapes_near(shape, n_obs_steps, batch_size):
     return sorted({(*lead, *end) for lead, end in product(leads, ends)})
 
 
-@pytest.mark.parametrize("n_obs_steps", [1, 2])
-@pytest.mark.parametrize("use", USES, ids=lambda use: getattr(use, "__name__", "predict_window"))
-@pytest.mark.parametrize("policy_type", TYPES)
+@pytest.mark.parametrize(
+    ("policy_type", "use", "n_obs_steps"),
+    some(9, product(TYPES, USES, [1, 2])),
+    ids=lambda value: getattr(value, "__name__", str(value)).replace(" ", "_"),
+)
 def test_every_shape_is_taken_or_refused_by_its_own_name(policy_type, use, n_obs_steps):
     policy, taken, refused = make(policy_type, n_obs_steps, 3), 0, 0
     for batch_size in (1, 4):

@@ -82,7 +82,7 @@ def same(is_now: Any, given: Any) -> bool:
 @pytest.mark.parametrize("policy_type", MODULES)
 def test_what_is_given_stays_or_is_refused(policy_type, tmp_path):
     rng, kept = np.random.default_rng(7), 0
-    for number in range(draws(gate=250, full=5000)):
+    for number in range(draws(gate=100, full=5000)):
         given = draw(policy_type, rng)
         try:
             config = make(policy_type, given)

@@ -5,13 +5,14 @@ import shutil
 import pytest
 import torch
 from evaluations import EPISODES, INNER, STEPS, checkpoint
+from tiers import some
 
 from lerobot_act_chunking.cli.wrap import wrap_command
 
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.parametrize("policy_type", INNER)
+@pytest.mark.parametrize("policy_type", some(3, INNER))
 def test_lerobot_eval_over_a_checkpoint_and_over_its_wrapped_copy(policy_type, evaluate, tmp_path):
     inner = checkpoint(policy_type, tmp_path / "inner")
     episodes, chunks = evaluate(

@@ -1,13 +1,23 @@
 """The Fetch experts: they succeed, also when disturbed, and can be imitated."""
 
+from itertools import product
+
 import numpy as np
 import pytest
+from tiers import some
 
 from lerobot_act_chunking.envs.demonstration import ExpertOptions
 from lerobot_act_chunking.envs.robotics.env import RoboticsEnv
 from lerobot_act_chunking.envs.robotics.experts import EXPERTS, Expert
 from lerobot_act_chunking.errors import ConfigurationError
 
+OPTIONS = (
+    {"speed": 0.6},
+    {"speed": 1.1},
+    {"waypoint_noise": 0.03},
+    {"action_noise": 0.05},
+    {"dwell": 0.3},
+)
 RELIABLE = ("FetchReach-v4", "FetchPush-v4", "FetchPickAndPlace-v4")
 
 
@@ -37,11 +47,7 @@ def test_clean_experts_succeed_at_the_last_step(task):
     assert successes(task, 20) == 20
 
 
-@pytest.mark.parametrize("task", RELIABLE)
-@pytest.mark.parametrize(
-    "options",
-    [{"speed": 0.6}, {"speed": 1.1}, {"waypoint_noise": 0.03}, {"action_noise": 0.05}, {"dwell": 0.3}],
-)
+@pytest.mark.parametrize(("task", "options"), some(5, product(RELIABLE, OPTIONS)))
 def test_options_leave_them_able(task, options):
     assert successes(task, 10, **options) >= 8
 

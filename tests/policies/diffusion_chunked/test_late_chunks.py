@@ -12,6 +12,7 @@ from fake_robot import JOINTS, FakeRobot
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.policies.factory import make_pre_post_processors
 from lerobot.policies.rtc.configuration_rtc import RTCConfig
+from lerobot.rollout.context import RuntimeContext
 from lerobot.rollout.inference.factory import RTCInferenceConfig, create_inference_engine
 from lerobot.rollout.inference.rtc import RTCInferenceEngine
 from lerobot.rollout.robot_wrapper import ThreadSafeRobot
@@ -84,7 +85,7 @@ def roll_out(policy, robot, duration=3.0):
     )
     context = SimpleNamespace(
         policy=SimpleNamespace(inference=engine),
-        runtime=SimpleNamespace(
+        runtime=RuntimeContext(
             shutdown_event=shutdown,
             cfg=SimpleNamespace(
                 fps=FPS,
@@ -159,7 +160,7 @@ def test_other_policies_are_left_to_lerobot():
     make_policy(slow_chunks=0).init_rtc_processor()
     engine = RTCInferenceEngine.__new__(RTCInferenceEngine)
     engine._policy, engine._fps = SimpleNamespace(config=SimpleNamespace()), FPS
-    engine._action_queue = SimpleNamespace(get=lambda: None)
+    engine._action_queue = SimpleNamespace(get=lambda: None, get_with_task=lambda: None)
     for _ in range(5):
         engine._action_queue.original_queue = torch.zeros(0, *SHAPE)
         assert engine.get_action(None) is None

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tiers import draws
 
 from lerobot_act_chunking.envs.aloha.experts import ExpertOptions, plan
 from lerobot_act_chunking.envs.aloha.success import make_success_rule
@@ -75,8 +76,9 @@ def test_every_option_still_succeeds(task, options):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("task", TASKS)
-def test_a_hundred_unseen_seeds(task):
-    assert successes(task, seeds=100) >= 99
+def test_unseen_seeds(task):
+    n_seeds = draws(gate=30, full=100)
+    assert successes(task, seeds=n_seeds) >= n_seeds - 1
 
 
 def test_unknown_tasks_are_refused():
