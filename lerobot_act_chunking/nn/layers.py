@@ -109,12 +109,9 @@ class FeedForward(Residual):
     def __init__(self, spec: LayerSpec):
         super().__init__(spec)
         self.expand = self.linear(spec.dim, spec.dim_feedforward)
-        self.activation = self.make_activation(spec)
+        activation = nn.ReLU() if spec.activation == "relu" else nn.GELU()
+        self.activation = nn.Sequential(activation, Dropout(spec.dropout))
         self.contract = self.linear(spec.dim_feedforward, spec.dim)
-
-    def make_activation(self, spec: LayerSpec) -> nn.Module:
-        """Activation and dropout of the hidden units."""
-        return nn.Sequential(nn.ReLU() if spec.activation == "relu" else nn.GELU(), Dropout(spec.dropout))
 
     def forward(self, x: Float[Tensor, "B N D"]) -> Float[Tensor, "B N D"]:
         """Refine every token on its own."""

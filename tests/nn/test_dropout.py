@@ -1,7 +1,6 @@
 import pytest
 import torch
 
-from lerobot_act_chunking.nn.cpu.relu_dropout import ReluDropout
 from lerobot_act_chunking.nn.dropout import Dropout, keep_mask
 
 
@@ -41,26 +40,3 @@ def test_repeats_with_the_generator():
         torch.manual_seed(3)
         draws.append(Dropout(0.5)(torch.ones(9)))
     assert torch.equal(*draws)
-
-
-def test_rectified_units_are_dropped_in_their_own_memory():
-    torch.manual_seed(0)
-    x = torch.randn(3, 5, 7, requires_grad=True)
-    hidden = x * 1
-    y = ReluDropout(0.25)(hidden)
-    y.backward(torch.full_like(y, 3.0))
-    assert y.data_ptr() == hidden.data_ptr()
-    kept = y != 0
-    assert 0.5 < kept[x > 0].float().mean() < 1
-    assert not kept[x <= 0].any()
-    torch.testing.assert_close(y[kept], x[kept] / 0.75)
-    torch.testing.assert_close(x.grad, torch.where(kept, 4.0, 0.0))
-
-
-@pytest.mark.parametrize("dropout", [ReluDropout(0.5).eval(), ReluDropout(0.0)])
-def test_rectified_units_are_all_kept_outside_training_and_without_probability(dropout):
-    x = torch.randn(3, 5, requires_grad=True)
-    y = dropout(x * 1)
-    y.sum().backward()
-    assert torch.equal(y, x.relu())
-    assert torch.equal(x.grad, (x > 0).float())

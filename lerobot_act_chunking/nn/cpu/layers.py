@@ -3,14 +3,12 @@
 import torch
 import torch.nn.functional as F  # noqa: N812
 from jaxtyping import Bool, Float
-from torch import Tensor, nn
+from torch import Tensor
 
 from lerobot_act_chunking.nn import layers
 from lerobot_act_chunking.nn.cpu.attention import CpuAttention
 from lerobot_act_chunking.nn.cpu.linear import Linear, is_plain
-from lerobot_act_chunking.nn.cpu.relu_dropout import ReluDropout
 from lerobot_act_chunking.nn.cpu.span import Span
-from lerobot_act_chunking.nn.layers import LayerSpec
 
 
 class SelfAttention(layers.SelfAttention):
@@ -66,10 +64,6 @@ class FeedForward(layers.FeedForward):
     """`nn.layers.FeedForward`; tokens of a `Span` are expanded by its vectors."""
 
     linear = Linear
-
-    def make_activation(self, spec: LayerSpec) -> nn.Module:
-        """Activation and dropout in one pass where that is possible."""
-        return ReluDropout(spec.dropout) if spec.activation == "relu" else super().make_activation(spec)
 
     def forward(self, x: Float[Tensor, "B N D"] | Span) -> Float[Tensor, "B N D"]:
         """See `nn.layers.FeedForward`."""
