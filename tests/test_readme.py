@@ -62,6 +62,7 @@ def test_the_gate_runs_the_test_command_of_the_readme():
     gate = (ROOT / ".ci" / "run").read_text()
     assert command == "uv run pytest -n 2"
     assert re.search(rf"^{command}( --durations=\d+)? \|\| status=\$\?$", gate, flags=re.M)
+    assert gate.endswith('exit "$status"\n')
 
 
 @pytest.fixture

@@ -9,7 +9,9 @@ from tiers import some
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.parametrize(("policy_type", "settings"), some(3, of_every_type("EVALUATED")))
+@pytest.mark.parametrize(
+    ("policy_type", "settings"), some(3, of_every_type("EVALUATED"), by=lambda case: case[0])
+)
 def test_sampling_is_set_on_the_command_line(policy_type, settings, evaluate, tmp_path):
     path = checkpoint(policy_type, tmp_path / "policy")
     episodes, chunks = evaluate(f"--policy.path={path}", "--policy.replan_interval=4", *settings.split())

@@ -5,7 +5,7 @@ import torch
 from policy_cases import A, of_every_type
 from tiers import some
 
-SAMPLING = some(7, of_every_type("SAMPLING"))
+SAMPLING = some(7, of_every_type("SAMPLING"), by=lambda case: case.type)
 N_EPISODES, STEPS = 3, 7
 
 

@@ -18,7 +18,9 @@ def spoiled(policy, key, value):
 
 
 @pytest.mark.parametrize("training", [True, False], ids=["training", "evaluation"])
-@pytest.mark.parametrize("case", some(8, CASES), ids=lambda case: f"{case.type}-{case.name}")
+@pytest.mark.parametrize(
+    "case", some(8, CASES, by=lambda case: case.type), ids=lambda case: f"{case.type}-{case.name}"
+)
 def test_every_input_that_spoils_the_loss_is_named(case, training):
     all_read = {"condition_dropout": 0.0, "guidance_scale": 1.0} if case.type == "diffusion_chunked" else {}
     policy = case.policy(**all_read).train(training)

@@ -80,7 +80,7 @@ def shapes_near(shape, n_obs_steps, batch_size):
 
 @pytest.mark.parametrize(
     ("policy_type", "use", "n_obs_steps"),
-    some(9, product(TYPES, USES, [1, 2])),
+    some(9, product(TYPES, USES, [1, 2]), by=lambda case: case[:2]),
     ids=lambda value: getattr(value, "__name__", str(value)).replace(" ", "_"),
 )
 def test_every_shape_is_taken_or_refused_by_its_own_name(policy_type, use, n_obs_steps):

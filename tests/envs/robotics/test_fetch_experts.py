@@ -47,7 +47,9 @@ def test_clean_experts_succeed_at_the_last_step(task):
     assert successes(task, 20) == 20
 
 
-@pytest.mark.parametrize(("task", "options"), some(5, product(RELIABLE, OPTIONS)))
+@pytest.mark.parametrize(
+    ("task", "options"), some(5, product(RELIABLE, OPTIONS), by=lambda case: id(case[1]))
+)
 def test_options_leave_them_able(task, options):
     assert successes(task, 10, **options) >= 8
 
