@@ -15,7 +15,7 @@ full_tier = pytest.mark.skipif(not FULL, reason="takes minutes: runs in .ci/full
 def some[Case](gate: int, cases: Iterable[Case], by: Callable[[Case], object] = id) -> list[Case]:
     """All of these in `.ci/full`, and so many of them, the same in every run, in the gate.
 
-    The gate's are taken in turns from the groups that ``by`` names, so that none is missed before another has two.
+    The gate's are taken in turns from the groups that ``by`` names: no group has two before each has one.
     """
     every = list(cases)
     if FULL or gate >= len(every):

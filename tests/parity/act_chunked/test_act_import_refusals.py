@@ -1,6 +1,7 @@
 """What cannot be imported is refused by name, before anything is written."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -23,16 +24,17 @@ def act(tmp_path):
 
 
 @pytest.fixture
-def refused(tmp_path):
-    """Checks that an import says why not, and leaves nothing."""
+def refusal(tmp_path):
+    """Why an import is refused, which leaves nothing."""
 
-    def check(source, message, *, error=ConfigurationError, **options):
+    def why(source, *, error=ConfigurationError, **options):
         before = sorted(tmp_path.rglob("*"))
-        with pytest.raises(error, match=message):
+        with pytest.raises(error) as refused:
             import_checkpoint(source, tmp_path / "imported", **options)
         assert sorted(tmp_path.rglob("*")) == before
+        return str(refused.value)
 
-    return check
+    return why
 
 
 def change_settings(folder, **changes):
@@ -46,13 +48,13 @@ def change_weights(folder, change):
     save_file(weights, folder / "model.safetensors")
 
 
-def test_another_policy(act, refused):
+def test_another_policy(act, refusal):
     change_settings(act, type="diffusion")
-    refused(act, "holds a policy of type diffusion: only LeRobot's act")
+    assert re.search("holds a policy of type diffusion: only LeRobot's act", refusal(act))
     settings = json.loads((act / "config.json").read_text())
     del settings["type"]
     (act / "config.json").write_text(json.dumps(settings))
-    refused(act, "holds a policy of type None")
+    assert re.search("holds a policy of type None", refusal(act))
 
 
 @pytest.mark.parametrize(
@@ -63,59 +65,61 @@ def test_another_policy(act, refused):
         ("policy_preprocessor.json", "policy_postprocessor.json, but no policy_preprocessor.json"),
     ],
 )
-def test_a_missing_file(name, message, act, refused):
+def test_a_missing_file(name, message, act, refusal):
     (act / name).unlink()
-    refused(act, message)
+    assert re.search(message, refusal(act))
 
 
-def test_an_adapter_without_its_policy(act, refused):
+def test_an_adapter_without_its_policy(act, refusal):
     (act / "model.safetensors").rename(act / "adapter_model.safetensors")
-    refused(act, "it is an adapter: merge it into its policy first")
+    assert re.search("it is an adapter: merge it into its policy first", refusal(act))
 
 
 @pytest.mark.parametrize("name", ["config.json", "model.safetensors"])
-def test_a_damaged_file(name, act, refused):
+def test_a_damaged_file(name, act, refusal):
     (act / name).write_bytes(b"{" * 30)
-    refused(act, f"{name} is damaged")
+    assert re.search(f"{name} is damaged", refusal(act))
 
 
-def test_no_folder(tmp_path, refused):
-    refused(tmp_path / "nowhere", r"there is no folder .*nowhere$")
+def test_no_folder(tmp_path, refusal):
+    assert re.search(r"there is no folder .*nowhere$", refusal(tmp_path / "nowhere"))
 
 
-def test_a_repository(refused, monkeypatch, tmp_path):
+def test_a_repository(refusal, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    refused(Path("lerobot/act"), r"no folder lerobot/act: download it first \(hf download lerobot/act")
+    assert re.search(
+        r"no folder lerobot/act: download it first \(hf download lerobot/act", refusal(Path("lerobot/act"))
+    )
 
 
-def test_an_existing_folder_is_never_overwritten(act, tmp_path, refused):
+def test_an_existing_folder_is_never_overwritten(act, tmp_path, refusal):
     (tmp_path / "imported").mkdir()
-    refused(act, "imported exists already")
+    assert re.search("imported exists already", refusal(act))
 
 
-def test_unknown_settings(act, refused):
+def test_unknown_settings(act, refusal):
     change_settings(act, n_experts=4)
-    refused(act, "holds settings that LeRobot's act lacks: n_experts")
+    assert re.search("holds settings that LeRobot's act lacks: n_experts", refusal(act))
 
 
-def test_settings_that_lerobot_refuses(act, refused):
+def test_settings_that_lerobot_refuses(act, refusal):
     change_settings(act, vision_backbone="vit_b_16")
-    refused(act, "must be one of the ResNet variants. Got vit_b_16")
+    assert re.search("must be one of the ResNet variants. Got vit_b_16", refusal(act))
 
 
-def test_unknown_weights(act, refused):
+def test_unknown_weights(act, refusal):
     change_weights(act, lambda weights: weights.update({"model.extra.weight": torch.zeros(2)}))
-    refused(act, "LeRobot's act has no weights called extra.weight")
+    assert re.search("LeRobot's act has no weights called extra.weight", refusal(act))
 
 
-def test_missing_weights(act, refused):
+def test_missing_weights(act, refusal):
     change_weights(act, lambda weights: weights.pop("model.decoder.norm.weight"))
-    refused(act, "the weights lack model.decoder.norm.weight")
+    assert re.search("the weights lack model.decoder.norm.weight", refusal(act))
 
 
-def test_weights_of_other_sizes(act, refused):
+def test_weights_of_other_sizes(act, refusal):
     change_settings(act, chunk_size=6)
-    refused(act, "the weights do not fit the settings: .*query_positions")
+    assert re.search("the weights do not fit the settings: .*query_positions", refusal(act))
 
 
 @pytest.mark.parametrize(
@@ -125,30 +129,34 @@ def test_weights_of_other_sizes(act, refused):
         ({"replace_final_stride_with_dilation": True}, "replace_final_stride_with_dilation=true cannot be"),
     ],
 )
-def test_other_backbones(settings, message, tmp_path, refused):
+def test_other_backbones(settings, message, tmp_path, refusal):
     source = save(make_act("state+cameras"), tmp_path / "act")
     change_settings(source, **settings)
-    refused(source, message)
+    assert re.search(message, refusal(source))
 
 
-def test_what_does_not_act_the_same(act, refused, monkeypatch):
+def test_what_does_not_act_the_same(act, refusal, monkeypatch):
     start = WeightMap.start
     monkeypatch.setattr(WeightMap, "start", lambda self, layer: start(self, layer) + torch.arange(16))
-    refused(act, r"actions differ by up to \d\.\d+; nothing was written")
+    assert re.search(r"actions differ by up to \d\.\d+; nothing was written", refusal(act))
 
 
-def test_without_statistics(tmp_path, refused):
+def test_without_statistics(tmp_path, refusal):
     source = save(make_act(INPUTS), tmp_path / "act")
     for file in source.glob("policy_*"):
         file.unlink()
-    refused(source, "give the dataset that it was trained on with --dataset")
-    refused(source, "there is no dataset at", error=DatasetError, dataset=tmp_path / "nothing")
+    assert re.search("give the dataset that it was trained on with --dataset", refusal(source))
+    assert re.search(
+        "there is no dataset at", refusal(source, error=DatasetError, dataset=tmp_path / "nothing")
+    )
 
 
-def test_two_sources_of_statistics(tmp_path, refused):
+def test_two_sources_of_statistics(tmp_path, refusal):
     for save_as in (save, save_old):
         source = save_as(make_act(INPUTS), tmp_path / save_as.__name__)
-        refused(source, "brings its own normalisation: leave out --dataset", dataset=tmp_path)
+        assert re.search(
+            "brings its own normalisation: leave out --dataset", refusal(source, dataset=tmp_path)
+        )
 
 
 @pytest.mark.parametrize(
@@ -158,13 +166,13 @@ def test_two_sources_of_statistics(tmp_path, refused):
         (None, "no std of 'observation.state'"),
     ],
 )
-def test_statistics_that_do_not_normalise(change, message, tmp_path, refused):
+def test_statistics_that_do_not_normalise(change, message, tmp_path, refusal):
     source = save_old(make_act(INPUTS), tmp_path / "act")
     name = "normalize_inputs.buffer_observation_state.std"
     change_weights(
         source, (lambda weights: weights.pop(name)) if change is None else lambda w: change(w[name])
     )
-    refused(source, message, error=DatasetError)
+    assert re.search(message, refusal(source, error=DatasetError))
 
 
 ONE_OF_EACH = {"observation.image0": "mean_std", "observation.image1": "min_max"}
@@ -181,10 +189,10 @@ ONE_OF_EACH = {"observation.image0": "mean_std", "observation.image1": "min_max"
         ),
     ],
 )
-def test_settings_of_the_first_versions_that_are_gone(changes, message, tmp_path, refused):
+def test_settings_of_the_first_versions_that_are_gone(changes, message, tmp_path, refusal):
     source = save_first(make_act("state+cameras"), tmp_path / "act")
     change_settings(source, **changes)
-    refused(source, message)
+    assert re.search(message, refusal(source))
 
 
 def test_the_statistics_of_a_dataset(tmp_path):

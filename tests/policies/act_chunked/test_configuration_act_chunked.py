@@ -305,7 +305,8 @@ def test_latents_that_cannot_work(settings, message):
     ],
 )
 def test_neighbours_of_what_is_refused_work(settings):
-    make(**settings)
+    config = make(**settings)
+    assert {name: getattr(config, name) for name in settings} == settings
 
 
 @pytest.mark.parametrize(
