@@ -44,7 +44,8 @@ def of_reader(document: Any) -> Shares:
 
 def of_environment(document: Any) -> Shares:
     """How many times faster than gym-aloha."""
-    return {name: 1 / each["times_stock"] for name, each in document["summary"].items()}
+    ours = {name: each for name, each in document["summary"].items() if not name.startswith("gym-aloha")}
+    return {name: 1 / each["times_stock"] for name, each in ours.items()}
 
 
 def of_hub(document: Any) -> Shares:
@@ -109,6 +110,8 @@ def compare(name: str, there: Path, rounds: int) -> list[dict[str, Any]]:
         for tree in (there, ROOT) if turn % 2 else (ROOT, there):
             for quantity, share in run(name, tree).items():
                 shares[tree][quantity].append(share)
+    if uncompared := shares[ROOT].keys() ^ shares[there].keys():
+        print(f"{name:18} only in one of them: {'; '.join(sorted(uncompared))}", flush=True)
     rows = []
     for quantity in shares[ROOT].keys() & shares[there].keys():
         before, after = (statistics.median(shares[tree][quantity]) for tree in (there, ROOT))
