@@ -24,8 +24,20 @@ def plain(attention):
     return same
 
 
-def test_more_queries_than_keys_of_all_heads():
+@pytest.mark.parametrize(
+    "is_pad", [None, torch.arange(4) >= torch.tensor([[4], [2], [1]])], ids=["all", "padded"]
+)
+def test_more_queries_than_keys_of_all_heads(is_pad):
     attention = make()
     queries, keys, values = torch.randn(1, 9, D), torch.randn(B, 4, D), torch.randn(B, 4, D)
     assert attention.factored_is_cheaper(9, 4)
-    torch.testing.assert_close(attention(queries, keys, values), plain(attention)(queries, keys, values))
+    expected = plain(attention)(queries, keys, values, is_pad)
+    torch.testing.assert_close(attention(queries, keys, values, is_pad), expected)
+
+
+def test_weights_of_more_queries_than_keys_drop_out_in_training_only():
+    attention = make(dropout=0.5)
+    queries, keys = torch.randn(B, 9, D), torch.randn(B, 4, D)
+    assert not torch.equal(attention(queries, keys, keys), attention(queries, keys, keys))
+    attention.eval()
+    torch.testing.assert_close(attention(queries, keys, keys), plain(attention).eval()(queries, keys, keys))
