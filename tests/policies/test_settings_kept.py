@@ -81,8 +81,8 @@ def same(is_now: Any, given: Any) -> bool:
 
 @pytest.mark.parametrize("policy_type", MODULES)
 def test_what_is_given_stays_or_is_refused(policy_type, tmp_path):
-    rng, kept = np.random.default_rng(7), 0
-    for number in range(draws(gate=100, full=5000)):
+    rng, kept, drawn = np.random.default_rng(7), 0, draws(gate=100, full=5000)
+    for number in range(drawn):
         given = draw(policy_type, rng)
         try:
             config = make(policy_type, given)
@@ -95,7 +95,7 @@ def test_what_is_given_stays_or_is_refused(policy_type, tmp_path):
             loaded = PreTrainedConfig.from_pretrained(tmp_path / str(number))
             assert not differing(loaded, given), given
             assert loaded == config
-    assert kept > 50  # the property is about those
+    assert kept > drawn / 4  # the property is about those
 
 
 @pytest.mark.parametrize("policy_type", TYPES)
