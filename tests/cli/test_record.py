@@ -67,8 +67,8 @@ def test_usage_errors_are_status_2(command, message, capsys):
     assert message in capsys.readouterr().err
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("finished", [1, pytest.param(5, marks=full_tier)])
+@full_tier
+@pytest.mark.parametrize("finished", [1, 5])
 def test_the_command_killed_for_real_resumes(tmp_path, finished):
     """Kill -9 on the whole command, workers and all, at no moment in particular."""
     root, episodes = tmp_path / "cube", tmp_path / ".cube.recording" / "episodes"

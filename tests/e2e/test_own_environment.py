@@ -12,6 +12,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from lerobot.envs.utils import env_to_policy_features
 from policy_cases import MODULES, TYPES
+from tiers import full_tier
 
 from lerobot_act_chunking.errors import ConfigurationError
 
@@ -61,7 +62,7 @@ def test_policies_get_its_features(own):
         own.ReachDotConfig(obs_type="pixels")
 
 
-@pytest.mark.slow
+@full_tier
 def test_lerobot_eval_finds_it(tmp_path):
     """In a process of its own and with asynchronous workers, which must find the file as well."""
     policy = f"--policy.type={TYPES[0]} {MODULES[TYPES[0]].TRAINED}"

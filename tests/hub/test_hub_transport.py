@@ -26,6 +26,7 @@ from huggingface_hub.errors import (
     RepositoryNotFoundError,
     RevisionNotFoundError,
 )
+from tiers import full_tier
 
 from lerobot_act_chunking.hub.storage import LocalHub, owner_name
 from lerobot_act_chunking.hub.transport import LocalHubTransport
@@ -259,7 +260,7 @@ def test_a_download_resumes_where_it_stopped(api: HfApi, folder: Path):
     assert get_session().get(address, headers={"Range": "bytes=300000-"}).status_code == 416
 
 
-@pytest.mark.slow  # its workers poll every ten seconds
+@full_tier  # its workers poll every ten seconds
 def test_a_large_folder_pushes_too(api: HfApi, folder: Path):
     api.create_repo("me/act")
     with pytest.warns(FutureWarning, match="upload_large_folder"):  # LeRobotDataset.push_to_hub may use it

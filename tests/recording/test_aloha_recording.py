@@ -5,6 +5,7 @@ from importlib.metadata import version
 import numpy as np
 import pytest
 from fake_source import files
+from tiers import full_tier
 
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
 from lerobot_act_chunking.envs.demonstration import ExpertOptions
@@ -196,7 +197,7 @@ def test_a_relative_root_and_a_file_in_the_way(tmp_path, monkeypatch):
         record(RecordSpec("me/cube", root=type(tmp_path)("taken")))
 
 
-@pytest.mark.slow
+@full_tier
 def test_cameras_do_not_depend_on_the_workers(tmp_path):
     for workers in (1, 2):
         spec = RecordSpec(

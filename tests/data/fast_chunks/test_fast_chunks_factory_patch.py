@@ -10,6 +10,7 @@ from lerobot.datasets.dataset_reader import DatasetReader
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.policies.act.configuration_act import ACTConfig
 from lerobot_sets import REPO_ID, assert_same, batch
+from tiers import full_tier
 
 from lerobot_act_chunking.data import fast_chunks
 from lerobot_act_chunking.data.fast_chunks.dataset import FastChunkDataset
@@ -103,7 +104,7 @@ def test_a_factory_that_somebody_else_replaced_is_left_alone(monkeypatch, caplog
     assert_left_alone(caplog, f"LeRobot's dataset factory already builds {OtherDataset.__qualname__}")
 
 
-@pytest.mark.slow
+@full_tier
 def test_discovery_installs_it():
     code = (
         "from lerobot.utils.import_utils import register_third_party_plugins as discover; discover();"
