@@ -66,6 +66,3 @@ def folder(tmp_path: Path) -> Path:
     (source / "sub" / "state.safetensors").write_bytes(os.urandom(5_000))
     (source / "sub" / "empty.txt").touch()
     return source
-
-
-FILES = ["README.md", "config.json", "model.safetensors", "sub/empty.txt", "sub/state.safetensors"]

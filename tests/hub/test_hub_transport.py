@@ -6,7 +6,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from conftest import FILES
+from checkpoint_files import FILES
 from huggingface_hub import (
     CommitOperationAdd,
     CommitOperationCopy,

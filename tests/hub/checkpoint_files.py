@@ -1,0 +1,3 @@
+"""What the fixture `folder` holds."""
+
+FILES = ["README.md", "config.json", "model.safetensors", "sub/empty.txt", "sub/state.safetensors"]
