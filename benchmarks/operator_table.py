@@ -9,9 +9,11 @@ their marks; a test compares.
 import argparse
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
+
+from policy_training import usual_episodes
 
 from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate
 
@@ -39,70 +41,103 @@ def shown(successes: int, episodes: int) -> str:
 
 
 def by_operator() -> Iterator[str]:
-    cells: dict[tuple[str, str, str], dict[str, Any]] = {}
-    for entry in json.loads((RESULTS / "operators.json").read_text()):
-        if entry["operator"] == EVERYBODY:
-            continue
-        steps, variant = str(entry["train"]["steps"]), entry["run"]["variant"]
-        training = f"{steps}, two observations" if "history" in variant else steps
-        cells.setdefault((entry["run"]["task"], entry["operator"], training), {})[entry["execution"]] = entry
-    yield f"| task | person | training steps | {' | '.join(COLUMNS)} |"
-    yield "|---|---|---|---|---|---|---|"
-    for (task, operator, training), row in sorted(cells.items()):
-        values = [
-            shown(row[name]["episodes"] - len(row[name]["failed_seeds"]), row[name]["episodes"])
-            for name in COLUMNS
-        ]
-        yield f"| {task} | `{operator}` | {training} | {' | '.join(values)} |"
+    """What policies learn from one person each."""
+    entries = [
+        each
+        for each in read("operators")
+        if each["operator"] != EVERYBODY and each["demonstrations"] == usual_episodes(each["run"]["task"])
+    ]
+    yield from table(
+        ("task", "person", "policy", "training steps"),
+        COLUMNS,
+        entries,
+        lambda entry: (entry["run"]["task"], f"`{entry['operator']}`", policy_of(entry), steps_of(entry)),
+    )
 
 
 def of_everybody() -> Iterator[str]:
-    cells: dict[tuple[str, str, int], dict[str, Any]] = {}
-    for entry in json.loads((RESULTS / "operators.json").read_text()):
-        if entry["operator"] == EVERYBODY:
-            run = entry["run"]
-            cells.setdefault((run["task"], run["variant"], run["seed"]), {})[entry["execution"]] = entry
-    yield f"| task | policy | training steps | CPU minutes | {' | '.join(EVERYBODY_COLUMNS)} |"
-    yield "|" + "---|" * (4 + len(EVERYBODY_COLUMNS))
-    for (task, variant, _), row in sorted(cells.items()):
-        values = [
-            shown(entry["episodes"] - len(entry["failed_seeds"]), entry["episodes"]) if entry else "-"
-            for entry in map(row.get, EVERYBODY_COLUMNS)
-        ]
-        train = next(iter(row.values()))["train"]
-        name = NAMES.get(variant) or f"`{variant.rpartition('_')[0]}`"
-        yield f"| {task} | {name} | {train['steps']} | {train['cpu_minutes']:.1f} | {' | '.join(values)} |"
+    """What policies learn from all people in one dataset."""
+    entries = [each for each in read("operators") if each["operator"] == EVERYBODY]
+    yield from table(
+        ("task", "demonstrations", "policy", "training steps", "CPU minutes"),
+        EVERYBODY_COLUMNS,
+        entries,
+        lambda entry: (
+            entry["run"]["task"],
+            entry["demonstrations"],
+            policy_of(entry),
+            steps_of(entry),
+            f"{entry['train']['cpu_minutes']:.1f}",
+        ),
+    )
+
+
+def read(name: str) -> list[dict[str, Any]]:
+    return json.loads((RESULTS / f"{name}.json").read_text())
+
+
+def policy_of(entry: dict[str, Any]) -> str:
+    variant = entry["run"]["variant"]
+    return NAMES.get(variant) or f"`{variant.rpartition('_')[0]}`"
+
+
+def steps_of(entry: dict[str, Any]) -> int:
+    return entry["train"]["steps"]
+
+
+def table(
+    headings: Sequence[str],
+    columns: Sequence[str],
+    entries: Iterable[dict[str, Any]],
+    row_of: Callable[[dict[str, Any]], tuple[Any, ...]],
+) -> Iterator[str]:
+    """Successes, a row for each training and a column for each execution.
+
+    Args:
+        headings: of what describes a training.
+        columns: executions.
+        entries: evaluations.
+        row_of: what describes the training of an evaluation.
+    """
+    rows: dict[tuple[Any, ...], dict[str, Any]] = {}
+    for entry in entries:
+        rows.setdefault((*row_of(entry), entry["run"]["seed"]), {})[entry["execution"]] = entry
+    yield f"| {' | '.join([*headings, *columns])} |"
+    yield "|" + "---|" * len([*headings, *columns])
+    for (*description, _), row in sorted(rows.items()):
+        values = [successes(row.get(name)) for name in columns]
+        yield f"| {' | '.join([*map(str, description), *values])} |"
+
+
+def successes(entry: dict[str, Any] | None) -> str:
+    if entry is None:
+        return "-"
+    return shown(entry["episodes"] - len(entry["failed_seeds"]), entry["episodes"])
 
 
 def by_interval() -> Iterator[str]:
-    entries = json.loads((RESULTS / "operators.json").read_text())
     found = {}
-    for entry in entries:
+    for entry in read("operators"):
         match = re.fullmatch(r"crossfade (\d+) over 50", entry["execution"])
-        if match and (entry["operator"], entry["run"]["task"]) == ("hesitant", "insertion"):
-            failed, episodes = len(entry["failed_seeds"]), entry["episodes"]
-            found[int(match[1])] = shown(episodes - failed, episodes)
+        of = (entry["operator"], entry["run"]["task"], entry["run"]["variant"])
+        if match and of == ("hesitant", "insertion", "act_chunked_1500"):
+            found[int(match[1])] = successes(entry)
     yield f"| a new chunk every | {' | '.join(f'{interval} steps' for interval in sorted(found))} |"
     yield "|" + "---|" * (len(found) + 1)
     yield f"| successes of 200 | {' | '.join(found[interval] for interval in sorted(found))} |"
 
 
 def on_fetch() -> Iterator[str]:
-    cells: dict[tuple[str, str], dict[str, Any]] = {}
-    for entry in json.loads((RESULTS / "operators_fetch.json").read_text()):
-        cells.setdefault((entry["run"]["task"], entry["operator"]), {})[entry["execution"]] = entry
-    yield f"| task | person | {' | '.join(FETCH_COLUMNS)} |"
-    yield "|" + "---|" * (len(FETCH_COLUMNS) + 2)
-    for (task, operator), row in sorted(cells.items()):
-        values = [
-            shown(entry["episodes"] - len(entry["failed_seeds"]), entry["episodes"]) if entry else "-"
-            for entry in map(row.get, FETCH_COLUMNS)
-        ]
-        yield f"| {task} | `{operator}` | {' | '.join(values)} |"
+    yield from table(
+        ("task", "person"),
+        FETCH_COLUMNS,
+        read("operators_fetch"),
+        lambda entry: (entry["run"]["task"], f"`{entry['operator']}`"),
+    )
 
 
 def pushed() -> Iterator[str]:
-    entries = json.loads((RESULTS / "pushed.json").read_text())
+    entries = read("pushed")
     yield f"| {' | '.join(entry['execution'] for entry in entries)} |"
     yield "|" + "---|" * len(entries)
     yield f"| {' | '.join(shown(entry['successes'], entry['episodes']) for entry in entries)} |"

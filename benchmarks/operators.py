@@ -3,10 +3,11 @@
     OMP_NUM_THREADS=1 python benchmarks/operators.py --operators unhurried hesitant --tasks transfer_cube
 
 Each operator (lerobot_act_chunking/envs/operators.py), and all of them in turn (`everybody`), demonstrates
-each ALOHA task 50 times and each Fetch task 100 times. Policies learn from one of these datasets as they come
-and act in the same 200 unseen episodes, by several settings of execution. Every training and every
-evaluation is written down when it is done, so that the study can be stopped and gone on with, and several
-may run side by side. The results are in benchmarks/results/operators.json, one entry for each evaluation.
+each ALOHA task 50 times and each Fetch task 100 times, or as often as is asked for. Policies learn from one
+of these datasets as they come and act in the same 200 unseen episodes, by several settings of execution.
+Every training and every evaluation is written down when it is done, so that the study can be stopped and
+gone on with, and several may run side by side. The results are in benchmarks/results/operators.json, one
+entry for each evaluation.
 """
 
 import argparse
@@ -18,7 +19,7 @@ from typing import Any
 
 from act_variants import RECIPE
 from policy_study import Cell, Run, Study, row
-from policy_training import Variant
+from policy_training import Variant, usual_episodes
 from rich.console import Console
 from rich.table import Table
 
@@ -84,6 +85,7 @@ def main() -> None:
     )
     parser.add_argument("--operators", nargs="+", choices=[*OPERATORS, EVERYBODY], default=list(OPERATORS))
     parser.add_argument("--tasks", nargs="+", default=["transfer_cube", "insertion"])
+    parser.add_argument("--demonstrations", type=int, help="in the place of 50 or 100")
     parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=["act_chunked_1500"])
     parser.add_argument("--seeds", nargs="+", type=int, default=[0])
     parser.add_argument("--executions", nargs="+", choices=EXECUTIONS, default=list(EXECUTIONS))
@@ -94,11 +96,19 @@ def main() -> None:
     console = Console(width=160)
     for name in args.operators:
         people = tuple(OPERATORS) if name == EVERYBODY else (name,)
-        study = Study(args.folder / name, args.folder / "recordings" / name, VARIANTS, console, people)
+        place = name if args.demonstrations is None else f"{name}_{args.demonstrations}"
+        study = Study(
+            args.folder / place,
+            args.folder / "recordings" / place,
+            VARIANTS,
+            console,
+            people,
+            args.demonstrations,
+        )
         for task in args.tasks:
             cells = study.cells(runs(task, args.variants, args.seeds, args.executions), args.episodes)
-            show(name, cells, console)
-            keep(name, cells, args.out)
+            show(place, cells, console)
+            keep(name, args.demonstrations or usual_episodes(task), cells, args.out)
 
 
 def show(operator: str, cells: list[Cell], console: Console) -> None:
@@ -110,10 +120,11 @@ def show(operator: str, cells: list[Cell], console: Console) -> None:
     console.print(table)
 
 
-def keep(operator: str, cells: list[Cell], path: Path) -> None:
+def keep(operator: str, demonstrations: int, cells: list[Cell], path: Path) -> None:
     """Add the cells to what is there, in the place of what was measured before."""
     there = json.loads(path.read_text()) if path.exists() else []
-    new = [{"operator": operator, "execution": named(cell), **asdict(cell)} for cell in cells]
+    of_all = {"operator": operator, "demonstrations": demonstrations}
+    new = [{**of_all, "execution": named(cell), **asdict(cell)} for cell in cells]
     kept = [entry for entry in there if _key(entry) not in [_key(each) for each in new]]
     part = path.with_suffix(".part")
     entries = sorted([*kept, *new], key=lambda entry: json.dumps(_key(entry)))
@@ -123,7 +134,8 @@ def keep(operator: str, cells: list[Cell], path: Path) -> None:
 
 def _key(entry: dict[str, Any]) -> list[Any]:
     run = entry["run"]
-    return [entry["operator"], run["task"], run["variant"], run["seed"], entry["execution"]]
+    dataset = [entry["operator"], run["task"], entry["demonstrations"]]
+    return [*dataset, run["variant"], run["seed"], entry["execution"]]
 
 
 if __name__ == "__main__":

@@ -191,6 +191,7 @@ class Study:
         variants: the policies, by their names in runs.
         console: to print to.
         operators: who demonstrates; the expert as it is if nobody.
+        demonstrations: how many, of each task.
     """
 
     folder: Path
@@ -198,6 +199,7 @@ class Study:
     variants: Mapping[str, Variant]
     console: Console
     operators: tuple[str, ...] = ()
+    demonstrations: int | None = None
 
     def cells(self, runs: Iterable[Run], episodes: int) -> list[Cell]:
         """The cells of these runs, made where they are not there yet."""
@@ -208,7 +210,9 @@ class Study:
         cell = results.get(asked)
         if cell is None:
             variant = self.variants[asked.variant]
-            recording = Recording(self.recordings, asked.task, variant.velocity, self.operators)
+            recording = Recording(
+                self.recordings, asked.task, variant.velocity, self.operators, self.demonstrations
+            )
             recording.record(self.console)
             training = Training(results.path(asked).parent, variant, asked.seed, recording)
             training.train(self.console)

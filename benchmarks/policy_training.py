@@ -53,21 +53,28 @@ class Variant:
         return "1" if self.fast_reader or not self.is_lerobot else "0"
 
 
+def usual_episodes(task: str) -> int:
+    """Demonstrations of a task unless another number is asked for."""
+    return 100 if task in ROBOTICS_TASKS else 50
+
+
 @dataclass(frozen=True)
 class Recording:
-    """Demonstrations of a task, made where they are missing: 50 of ALOHA's, 100 of others.
+    """Demonstrations of a task, made where they are missing.
 
     Attributes:
         folder: of all tasks.
         task: which.
         velocity: observe velocities, too.
         operators: who demonstrates; the expert as it is if nobody.
+        episodes: how many demonstrations; by default 50 of ALOHA's tasks and 100 of others.
     """
 
     folder: Path
     task: str
     velocity: bool = False
     operators: tuple[str, ...] = ()
+    episodes: int | None = None
 
     @property
     def dataset(self) -> Path:
@@ -83,7 +90,8 @@ class Recording:
 
     def command(self) -> list[str]:
         """What a user would type."""
-        env, episodes = ("gymnasium_robotics", 100) if self.task in ROBOTICS_TASKS else ("aloha_sim", 50)
+        env = "gymnasium_robotics" if self.task in ROBOTICS_TASKS else "aloha_sim"
+        episodes = self.episodes or usual_episodes(self.task)
         return [
             *("act-chunking", "record", "--env", env, "--task", self.task, "--episodes", str(episodes)),
             *("--repo-id", self.repo_id, "--root", str(self.dataset), "--workers", "2"),
