@@ -28,18 +28,6 @@ from lerobot_act_chunking.envs.operators import OPERATORS
 EVERYBODY = "everybody"
 CPU = {"device": "cpu", "push_to_hub": False}
 HISTORY = {"n_obs_steps": 2, "obs_stride": 25, "history_dropout": 0.3}
-# LeRobot's policy at the sizes and the learning rate of `act_chunked`.
-LEROBOT_ACT = {
-    "type": "act",
-    "dim_model": 256,
-    "n_heads": 8,
-    "dim_feedforward": 1024,
-    "n_encoder_layers": 4,
-    "dropout": 0,
-    "use_vae": False,
-    "optimizer_lr": 5e-4,
-    "n_action_steps": 100,
-}
 VARIANTS = {
     **{
         f"{kind}_{steps}": Variant({"type": kind, **CPU}, steps, 64)
@@ -48,11 +36,11 @@ VARIANTS = {
     },
     "act_chunked_history_1500": Variant({"type": "act_chunked", **HISTORY, **CPU}, 1500, 64),
     "act_small_4000": Variant(RECIPE["policy"], 4000, 64),
-    "lerobot_act_1500": Variant({**LEROBOT_ACT, **CPU}, 1500, 64, fast_reader=True),
 }
-"""Policies as they come, by type and training steps; one that sees what was half a second ago; the
-quickstart's sizes; and LeRobot's own."""
+"""Policies as they come, by type and training steps; one that sees what was half a second ago; and the
+quickstart's sizes."""
 EXECUTIONS: dict[str, dict[str, Any]] = {
+    "as it comes": {},
     "crossfade 25 over 50": {"execution": "crossfade", "replan_interval": 25, "crossfade_steps": 50},
     "crossfade 25 over 10": {"execution": "crossfade", "replan_interval": 25, "crossfade_steps": 10},
     **{
@@ -70,7 +58,6 @@ EXECUTIONS: dict[str, dict[str, Any]] = {
         for interval in (2, 4, 6, 10, 12)
     },
     "crossfade 50 over 10": {"execution": "crossfade", "replan_interval": 50, "crossfade_steps": 10},
-    **{f"{steps} of a chunk": {"n_action_steps": steps} for steps in (100, 50)},  # LeRobot's own
     "open loop": {"execution": "open_loop", "replan_interval": None},
     "ensemble 25": {"execution": "ensemble", "replan_interval": 25},
     "ensemble 10": {"execution": "ensemble", "replan_interval": 10},
