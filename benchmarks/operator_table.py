@@ -20,8 +20,10 @@ from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
 PAGE = ROOT / "docs" / "studies" / "demonstrators.md"
-COLUMNS = ("crossfade 25 over 50", "crossfade 25 over 10", "ensemble 25", "open loop")
-EVERYBODY, EVERYBODY_COLUMNS = "everybody", ("crossfade 25 over 50", "ensemble 25", "open loop")
+COLUMNS = ("default", "crossfade 25 over 10", "ensemble 25", "open loop")
+EVERYBODY, EVERYBODY_COLUMNS = "everybody", ("default", "ensemble 25", "open loop")
+DEFAULTS = ("as it comes", "crossfade 25 over 50")
+"""Executions that are the default: the second one of chunks of 100 steps."""
 
 NAMES = {
     "act_chunked_history_1500": "`act_chunked`, two observations",
@@ -101,7 +103,8 @@ def table(
     """
     rows: dict[tuple[Any, ...], dict[str, Any]] = {}
     for entry in entries:
-        rows.setdefault((*row_of(entry), entry["run"]["seed"]), {})[entry["execution"]] = entry
+        row = rows.setdefault((*row_of(entry), entry["run"]["seed"]), {})
+        row["default" if entry["execution"] in DEFAULTS else entry["execution"]] = entry
     yield f"| {' | '.join([*headings, *columns])} |"
     yield "|" + "---|" * len([*headings, *columns])
     for (*description, _), row in sorted(rows.items()):

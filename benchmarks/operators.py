@@ -76,9 +76,9 @@ def runs(task: str, variants: list[str], seeds: list[int], executions: list[str]
 
 
 def sampling_of(name: str) -> dict[str, Any]:
-    """Settings of an execution; where it is one of ours, all others that blend are off."""
+    """Settings of an execution, and none of those that belong to another."""
     asked = EXECUTIONS[name]
-    return {**UNSET, **asked} if "execution" in asked else asked
+    return {**UNSET, **asked} if asked else {}
 
 
 def named(cell: Cell) -> str:
