@@ -36,9 +36,13 @@ VARIANTS = {
     },
     "act_chunked_history_1500": Variant({"type": "act_chunked", **HISTORY, **CPU}, 1500, 64),
     "act_small_4000": Variant(RECIPE["policy"], 4000, 64),
+    "vqbet_100_1500": Variant({"type": "vqbet_chunked", "chunk_size": 100, **CPU}, 1500, 64),
+    "vqbet_20x5_1500": Variant(
+        {"type": "vqbet_chunked", "chunk_size": 20, "chunk_stride": 5, **CPU}, 1500, 64
+    ),
 }
-"""Policies as they come, by type and training steps; one that sees what was half a second ago; and the
-quickstart's sizes."""
+"""Policies as they come, by type and training steps; one that sees what was half a second ago; the
+quickstart's sizes; and VQ-BeT over longer chunks."""
 EXECUTIONS: dict[str, dict[str, Any]] = {
     "as it comes": {},
     "crossfade 25 over 50": {"execution": "crossfade", "replan_interval": 25, "crossfade_steps": 50},
