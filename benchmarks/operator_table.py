@@ -13,14 +13,13 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from policy_training import usual_episodes
-
 from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
 PAGE = ROOT / "docs" / "studies" / "demonstrators.md"
 COLUMNS = ("default", "crossfade 25 over 10", "ensemble 25", "open loop")
+DEMONSTRATIONS = 50  # of one person
 EVERYBODY, EVERYBODY_COLUMNS = "everybody", ("default", "ensemble 25", "open loop")
 DEFAULTS = ("as it comes", "crossfade 25 over 50")
 """Executions that are the default: the second one of chunks of 100 steps."""
@@ -49,7 +48,7 @@ def by_operator() -> Iterator[str]:
     entries = [
         each
         for each in read("operators")
-        if each["operator"] != EVERYBODY and each["demonstrations"] == usual_episodes(each["run"]["task"])
+        if each["operator"] != EVERYBODY and each["demonstrations"] == DEMONSTRATIONS
     ]
     yield from table(
         ("task", "person", "policy", "training steps"),
