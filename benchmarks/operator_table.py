@@ -27,6 +27,7 @@ DEFAULTS = ("as it comes", "crossfade 25 over 50")
 NAMES = {
     "act_chunked_history_1500": "`act_chunked`, two observations",
     "act_small_4000": "`act_chunked`, the quickstart's sizes",
+    "act_20x5_1500": "`act_chunked`, 20 predictions 5 steps apart",
     "vqbet_100_1500": "`vqbet_chunked`, 100 predictions",
     "vqbet_20x5_1500": "`vqbet_chunked`, 20 predictions 5 steps apart",
 }

@@ -28,6 +28,7 @@ from lerobot_act_chunking.envs.operators import OPERATORS
 EVERYBODY = "everybody"
 CPU = {"device": "cpu", "push_to_hub": False}
 HISTORY = {"n_obs_steps": 2, "obs_stride": 25, "history_dropout": 0.3}
+SPARSE = {"chunk_size": 20, "chunk_stride": 5}
 VARIANTS = {
     **{
         f"{kind}_{steps}": Variant({"type": kind, **CPU}, steps, 64)
@@ -36,13 +37,12 @@ VARIANTS = {
     },
     "act_chunked_history_1500": Variant({"type": "act_chunked", **HISTORY, **CPU}, 1500, 64),
     "act_small_4000": Variant(RECIPE["policy"], 4000, 64),
+    "act_20x5_1500": Variant({"type": "act_chunked", **SPARSE, "actions_per_query": 2, **CPU}, 1500, 64),
+    "vqbet_20x5_1500": Variant({"type": "vqbet_chunked", **SPARSE, **CPU}, 1500, 64),
     "vqbet_100_1500": Variant({"type": "vqbet_chunked", "chunk_size": 100, **CPU}, 1500, 64),
-    "vqbet_20x5_1500": Variant(
-        {"type": "vqbet_chunked", "chunk_size": 20, "chunk_stride": 5, **CPU}, 1500, 64
-    ),
 }
 """Policies as they come, by type and training steps; one that sees what was half a second ago; the
-quickstart's sizes; and VQ-BeT over longer chunks."""
+quickstart's sizes; predictions a tenth of a second apart; and VQ-BeT over as long chunks as the others."""
 EXECUTIONS: dict[str, dict[str, Any]] = {
     "as it comes": {},
     "crossfade 25 over 50": {"execution": "crossfade", "replan_interval": 25, "crossfade_steps": 50},
