@@ -84,5 +84,5 @@ def test_chunks_are_lerobots(noise_scheduler_type, prediction_type, clip_sample,
         )
         ours = sample(model, noise, condition, torch.Generator().manual_seed(3))
     # One rounding of the noise moves LeRobot's own 100-step DDIM chunk by 4e-5: 1 / alpha is 2000 at step 99.
-    atol = 1e-4 if noise_scheduler_type == "DDIM" else 1e-5
+    atol = 1e-4 if noise_scheduler_type == "DDIM" and num_inference_steps > 10 else 1e-5
     torch.testing.assert_close(ours, theirs, atol=atol, rtol=1e-5)
