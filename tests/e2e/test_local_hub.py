@@ -233,6 +233,7 @@ def test_train_push_evaluate_resume_without_a_network(tmp_path: Path):
         assert verify(hub.open(name)).problems == []
 
 
+@full_tier
 def test_a_run_that_could_not_push_fails_before_it_starts(tmp_path: Path):
     station = Workstation(tmp_path)
     command = [

@@ -12,6 +12,7 @@ from lerobot.envs.factory import make_env
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from lerobot.scripts import lerobot_eval, lerobot_train
 from policy_cases import MODULES, TYPES, any_config
+from tiers import some
 
 import lerobot_act_chunking.plugin  # noqa: F401  (register)
 from lerobot_act_chunking.cli.main import main
@@ -44,7 +45,7 @@ def command(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("task", ["FrankaKitchen-v1", "AdroitHandDoor-v1"])
+@pytest.mark.parametrize("task", some(1, ["FrankaKitchen-v1", "AdroitHandDoor-v1"]))
 def test_lerobot_eval_with_a_policy_that_has_learned_nothing(task, command, tmp_path):
     environment = f"--env.type=gymnasium_robotics --env.task={task} --env.episode_length=6"
     command(lerobot_eval.main, UNTRAINED, environment, SMALL_VIDEO, f"--output_dir={tmp_path}")
@@ -82,7 +83,7 @@ def record_door(root) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("task", "record"), [("FetchPush-v4", record_push), ("AdroitHandDoor-v1", record_door)]
+    ("task", "record"), some(1, [("FetchPush-v4", record_push), ("AdroitHandDoor-v1", record_door)])
 )
 def test_recorded_trained_and_evaluated(task, record, command, tmp_path):
     record(tmp_path / "dataset")

@@ -9,6 +9,7 @@ import huggingface_hub
 import pytest
 from huggingface_hub import constants, get_session
 from policy_cases import TYPES
+from tiers import full_tier
 
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.hub import routing
@@ -64,6 +65,7 @@ def test_without_the_variable_nothing_is_said(monkeypatch, caplog):
     assert caplog.messages == []
 
 
+@full_tier
 def test_the_plugin_loads_with_neither_reader_nor_hub(tmp_path):
     code = (
         "from huggingface_hub import constants; del constants.HF_HUB_DISABLE_XET;"

@@ -128,5 +128,6 @@ def test_two_pushers_at_once_both_land(tmp_path: Path):
 
 
 @pytest.mark.slow
+@full_tier
 def test_four_pushers_of_twenty_five_pushes_each(tmp_path: Path):
     assert_every_push_lands(LocalHub(tmp_path / "hub"), pushers=4, pushes=25)

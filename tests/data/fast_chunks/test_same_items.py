@@ -17,7 +17,7 @@ from torchvision.transforms import v2
 
 from lerobot_act_chunking.data.fast_chunks.dataset import FastChunkDataset
 
-N_DATASETS = draws(gate=3, full=100)
+N_DATASETS = draws(gate=2, full=100)
 N_OPENINGS = 8  # of each dataset, of about 15 frames: 10 000 items in all in the full tier
 DTYPES = ("float32", "float64", "float16", "int64", "int32", "uint8", "bool", "string")
 SHAPES = ((1,), (3,), (6,), (2, 5), (1, 4), (2, 3, 4))

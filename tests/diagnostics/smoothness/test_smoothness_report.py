@@ -5,6 +5,7 @@ import time
 
 import numpy as np
 import pytest
+from tiers import full_tier
 
 from lerobot_act_chunking.diagnostics.core.rollouts import Inference, Rollout
 from lerobot_act_chunking.diagnostics.smoothness.measuring import NO_DIMENSION, measure
@@ -248,6 +249,7 @@ def test_widths_must_agree():
 
 
 @pytest.mark.slow
+@full_tier
 def test_two_hundred_episodes_that_replan_at_every_step_take_seconds():
     generator = np.random.default_rng(0)
     rollouts = []

@@ -12,7 +12,7 @@ from lerobot_act_chunking.cli.wrap import wrap_command
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.parametrize("policy_type", some(3, INNER))
+@pytest.mark.parametrize("policy_type", some(1, INNER))
 def test_lerobot_eval_over_a_checkpoint_and_over_its_wrapped_copy(policy_type, evaluate, tmp_path):
     inner = checkpoint(policy_type, tmp_path / "inner")
     episodes, chunks = evaluate(

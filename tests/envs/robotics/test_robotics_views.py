@@ -5,6 +5,7 @@ import os
 import mujoco
 import numpy as np
 import pytest
+from tiers import some
 
 from lerobot_act_chunking.envs.robotics.env import RoboticsEnv
 from lerobot_act_chunking.envs.robotics.tasks import TASKS, get_task
@@ -40,7 +41,7 @@ def as_the_original_renders(task, seed, lookat=None):
     return image
 
 
-@pytest.mark.parametrize("task", ["FetchPush-v4", "FrankaKitchen-v1", "HandReach-v3"])
+@pytest.mark.parametrize("task", some(1, ["FetchPush-v4", "HandReach-v3", "FrankaKitchen-v1"]))
 def test_full_quality_is_the_originals_to_the_pixel(task, images):
     ours = images(task, seed=3, observation_height=480, observation_width=480)["view"]
     assert np.array_equal(ours, as_the_original_renders(task, seed=3))

@@ -19,7 +19,7 @@ PAIRS = [  # each likelihood with each latent, each of them with each decoder
     (head, DECODERS[(i + j) % 2], latent)
     for (i, head), (j, latent) in product(enumerate(HEADS), enumerate((None, *LATENTS)))
 ]
-IN_THE_GATE = some(12, PAIRS, by=lambda pair: pair[0])  # all of them in the full tier
+IN_THE_GATE = some(8, PAIRS, by=lambda pair: pair[0])  # all of them in the full tier
 SMALL = {
     "dim_feedforward": 20,
     "n_encoder_layers": 1,

@@ -21,6 +21,7 @@ from lerobot.rollout.inference.factory import RTCInferenceConfig, create_inferen
 from lerobot.rollout.inference.rtc import supports_rtc_inference
 from lerobot.rollout.robot_wrapper import ThreadSafeRobot
 from lerobot.utils.feature_utils import hw_to_dataset_features
+from tiers import full_tier
 
 from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked import (
     DiffusionChunkedConfig,
@@ -155,6 +156,7 @@ def policy(trained):
     return policy
 
 
+@full_tier
 def test_the_engine_takes_the_policy(policy):
     assert supports_rtc_inference(policy)
 

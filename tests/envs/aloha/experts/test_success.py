@@ -77,7 +77,7 @@ def test_every_option_still_succeeds(task, options):
 @pytest.mark.slow
 @pytest.mark.parametrize("task", TASKS)
 def test_unseen_seeds(task):
-    n_seeds = draws(gate=30, full=100)
+    n_seeds = draws(gate=12, full=100)
     assert successes(task, seeds=n_seeds) >= n_seeds - 1
 
 
