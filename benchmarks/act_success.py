@@ -3,7 +3,7 @@
     OMP_NUM_THREADS=1 python benchmarks/act_success.py --studies headline lerobot
     OMP_NUM_THREADS=1 python benchmarks/act_success.py --studies likelihoods --tasks insertion
 
-Studies: `headline` (preset `base` as it comes and the quickstart, three training seeds each), `lerobot` (its
+Studies: `headline` (preset `base` as it comes, three training seeds), `lerobot` (its
 `act` for as many minutes) and, one setting changed at a time in half the quickstart's steps, `likelihoods`,
 `decoders`, `latents`, `resolution`, `history` and `presets`. Every policy is trained by lerobot-train on the
 recording of benchmarks/quickstart.py (made first if it is not there) and acts in the same 200 episodes. Every

@@ -41,7 +41,6 @@ LEROBOT_SMALL = {
 
 HEADLINE = {
     "base": Variant({"type": "act_chunked", **ON_CPU}, 1200, BATCH),
-    "quickstart": Variant(POLICY, STEPS, BATCH),
     "lerobot_small": Variant(LEROBOT_SMALL, 600, BATCH, fast_reader=True),
     "lerobot_own_reader": Variant(LEROBOT_SMALL, 700, BATCH),
     "lerobot_default": Variant(LEROBOT, 80, 8, fast_reader=True),
@@ -86,10 +85,9 @@ VARIANTS = {**HEADLINE, **LIKELIHOODS, **DECODERS, **LATENTS, **RESOLUTION, **HI
 
 
 def headline(task: str) -> Iterator[Run]:
-    """Preset `base` as it comes, and the quickstart: three training seeds each."""
-    for name in ("base", "quickstart"):
-        for seed in SEEDS:
-            yield Run(task, name, seed)
+    """Preset `base` as it comes: three training seeds."""
+    for seed in SEEDS:
+        yield Run(task, "base", seed)
 
 
 def lerobot(task: str) -> Iterator[Run]:

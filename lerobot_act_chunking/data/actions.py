@@ -28,6 +28,7 @@ class Demonstrations:
         actions: raw actions of all episodes, one after the other.
         episode: index of the episode of each action.
         stats: the dataset's statistics.
+        fps: control steps per second.
     """
 
     folder: Path
@@ -35,6 +36,7 @@ class Demonstrations:
     actions: Float[Tensor, "F A"]
     episode: Int64[np.ndarray, " F"]
     stats: dict[str, Any]
+    fps: float
 
 
 def is_dataset(folder: str | Path) -> bool:
@@ -79,7 +81,7 @@ def read_demonstrations(folder: Path) -> Demonstrations:
         raise DatasetError(f"the actions of the dataset at {folder} cannot be read: {error!r}") from error
     names = dimension_names(feature)
     return Demonstrations(
-        folder, names, torch.from_numpy(actions), episode.astype(np.int64), meta.stats or {}
+        folder, names, torch.from_numpy(actions), episode.astype(np.int64), meta.stats or {}, float(meta.fps)
     )
 
 

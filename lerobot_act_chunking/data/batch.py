@@ -106,14 +106,21 @@ class ActionTarget:
     is_pad: Bool[Tensor, "B T"]
 
     @classmethod
-    def from_lerobot(cls, batch: Mapping[str, Any], spec: FeatureSpec, chunk_size: int) -> "ActionTarget":
-        """Pick the action chunk and its padding: the first ``chunk_size`` steps of what was loaded.
+    def from_lerobot(
+        cls, batch: Mapping[str, Any], spec: FeatureSpec, steps: Sequence[int]
+    ) -> "ActionTarget":
+        """Pick the actions of these steps and their padding.
+
+        Args:
+            batch: holds these steps alone, or every step from the first of them on.
+            spec: what the policy reads.
+            steps: relative to the current one, ascending (``config.action_delta_indices``).
 
         Raises:
             FeatureError: naming a key that is absent or has another shape than the policy was built for.
         """
-        actions = _take(_beginning(batch, ACTION, chunk_size), ACTION, spec.action, ((chunk_size,),))
-        is_pad = _take(_beginning(batch, ACTION_IS_PAD, chunk_size), ACTION_IS_PAD, (), ((chunk_size,),))
+        actions = _take(_at_steps(batch, ACTION, steps), ACTION, spec.action, ((len(steps),),))
+        is_pad = _take(_at_steps(batch, ACTION_IS_PAD, steps), ACTION_IS_PAD, (), ((len(steps),),))
         _check_batch_sizes({ACTION: actions, ACTION_IS_PAD: is_pad})
         return cls(actions, is_pad)
 
@@ -146,12 +153,15 @@ def first_non_finite(batch: Mapping[str, Any], keys: Iterable[str]) -> str | Non
     return None
 
 
-def _beginning(batch: Mapping[str, Any], key: str, n_steps: int) -> Mapping[str, Any]:
-    """The batch with no more than ``n_steps`` of a key, if it has a longer time axis."""
+def _at_steps(batch: Mapping[str, Any], key: str, steps: Sequence[int]) -> Mapping[str, Any]:
+    """The batch with these steps alone of a key that holds every step from the first of them on."""
     value = batch.get(key)
-    if not isinstance(value, Tensor) or value.ndim < 2 or value.shape[1] <= n_steps:
+    if not isinstance(value, Tensor) or value.ndim < 2:
         return batch
-    return {**batch, key: value[:, :n_steps]}
+    places = [step - steps[0] for step in steps]
+    if value.shape[1] == len(places) or value.shape[1] <= places[-1]:
+        return batch
+    return {**batch, key: value[:, places]}
 
 
 def _take(

@@ -42,7 +42,8 @@ class ChunkedConfig(DatasetReading, ExecutionFields, GivenSettings, ChecksPush):
         prediction_dt: time between two predicted actions [s], in place of ``chunk_stride``.
         replan_s: time from one chunk to the next [s], in place of ``replan_interval``.
         chunk_stride: control steps between two predicted actions; what lies between is interpolated, so that
-            a chunk of few actions covers seconds.
+            a chunk of few actions covers seconds. Where neither it nor the chunk's length is given, training
+            with ``preset=base`` lays predictions a tenth of a second apart.
         n_action_steps: how many of a chunk's first actions may be executed [control steps]; by default all.
         normalization_mapping: how each type of feature is normalised; types not named keep the default.
         norm_std_floor: least spread that normalisation divides by, in raw units (0 = none).
@@ -70,6 +71,8 @@ class ChunkedConfig(DatasetReading, ExecutionFields, GivenSettings, ChecksPush):
     choices: ClassVar[dict[str, tuple[str, ...]]] = {}
     # The names that ``preset`` may have; the settings' reference shows a column for each.
     presets: ClassVar[tuple[str, ...]]
+    # Those whose predictions training lays a tenth of a second apart.
+    spaced_presets: ClassVar[tuple[str, ...]] = ("base",)
 
     state_keys: list[str] | None = None
 

@@ -1,4 +1,4 @@
-"""Defaults that follow from the dataset: how long a chunk is, and how chunks are executed.
+"""Defaults that follow from the dataset: a chunk's length and spacing, and how chunks are executed.
 
 Both say in one line what they chose and how to keep the preset's. Neither touches what was given, a policy
 that goes on from a checkpoint, or ``preset=paper``, whose settings are LeRobot's.
@@ -20,7 +20,7 @@ logger = logging.getLogger(__name__)
 
 PRESETS_FPS = 50  # control steps per second that the presets' lengths were chosen for
 LARGEST_SHARE = 0.5  # of an episode that one chunk may cover; of one as long as the episode, half is padding
-GRAIN = 5  # lengths are multiples of it, so that queries and tokens can emit several actions each
+SPACING = 0.1  # time between two predictions [s]
 STATES = (FeatureType.STATE, FeatureType.ENV)
 EXECUTION = ("execution", "crossfade_steps")  # given, they are a choice of the mode
 
@@ -33,15 +33,16 @@ def fit_to_dataset(config: ChunkedConfig, meta: Any) -> None:
         meta: LeRobot's metadata of the dataset.
     """
     if config.given("preset") != "paper":
-        fit_length(config, meta.fps, meta.episodes["length"])
+        fit_chunk(config, meta.fps, meta.episodes["length"])
         fit_execution(config, meta)
 
 
-def fit_length(config: ChunkedConfig, fps: float, episode_lengths: Sequence[int]) -> None:
-    """Give a chunk the time that it has at 50 Hz, or half an episode if that is less.
+def fit_chunk(config: ChunkedConfig, fps: float, episode_lengths: Sequence[int]) -> None:
+    """Lay predictions a tenth of a second apart, over the time of the preset's chunk or half an episode.
 
-    It stays as it is if it was given, with a ``chunk_stride``, or if other given settings need it. It never
-    grows, because LeRobot loads the actions of the preset's length before it makes the policy.
+    A chunk stays as it is if its length was given, or if other given settings need it. With a given
+    ``chunk_stride``, and with a preset that is made for it, every step stays predicted. LeRobot loads the
+    actions of the preset's chunk before it makes the policy, so what is chosen lies within them.
 
     Args:
         config: changed in place.
@@ -52,25 +53,60 @@ def fit_length(config: ChunkedConfig, fps: float, episode_lengths: Sequence[int]
     if any(config.given(each) is not None for each in (name, "horizon_s")) or config.chunk_stride != 1:
         return
     usual = getattr(config, name)
-    longest = min(usual * fps / PRESETS_FPS, median(episode_lengths) * LARGEST_SHARE)
-    length = max(GRAIN, GRAIN * int(longest / GRAIN))
-    if length >= usual or not _starts_alike(config, length):
+    spaced = config.given("chunk_stride") is None and config.given("preset") in config.spaced_presets
+    for stride in dict.fromkeys((spaced_stride(fps) if spaced else 1, 1)):
+        length = fitting_length(usual, stride, fps, episode_lengths)
+        chosen = {name: length, "chunk_stride": stride}
+        if (length, stride) == (usual, 1):
+            return
+        if _is_loaded(config, chosen):
+            break
+    else:
         return
-    config.settle(**{name: length})
+    config.settle(**chosen)
     logger.warning(
-        "%s=%d, %.2g s at the dataset's %g fps, because the default of %d is made for %d fps and longer "
-        "episodes (--policy.%s=%d keeps it)",
-        *(name, length, length / fps, fps, usual, PRESETS_FPS, name, usual),
+        "%s=%d and chunk_stride=%d: predictions %.2g s apart over %.2g s, for %g fps and episodes of %g "
+        "steps (--policy.%s=%d keeps the preset's)",
+        *(
+            name,
+            length,
+            stride,
+            stride / fps,
+            config.timing.control_steps / fps,
+            fps,
+            median(episode_lengths),
+        ),
+        *(name, usual),
     )
 
 
-def _starts_alike(config: ChunkedConfig, length: int) -> bool:
-    """Whether the shorter chunk works and is the beginning of the longer one, which LeRobot has loaded."""
+def spaced_stride(fps: float) -> int:
+    """Control steps between two predictions that lie a tenth of a second apart."""
+    return max(1, round(SPACING * fps))
+
+
+def fitting_length(usual: int, stride: int, fps: float, episode_lengths: Sequence[int]) -> int:
+    """How many predictions last as long as ``usual`` ones of every step do at 50 Hz, or half an episode.
+
+    Args:
+        usual: predictions of the preset, one for every step; no more control steps are covered.
+        stride: control steps between two predictions.
+        fps: control steps per second.
+        episode_lengths: of all episodes [control steps].
+    """
+    most = min(usual, usual * fps / PRESETS_FPS, median(episode_lengths) * LARGEST_SHARE)
+    grain = 5 if stride == 1 else 2  # so that queries and tokens can emit several actions each
+    return max(grain, grain * int(most / stride / grain))
+
+
+def _is_loaded(config: ChunkedConfig, chosen: dict[str, int]) -> bool:
+    """Whether this chunk works, and LeRobot has loaded its actions for the preset's."""
     try:
-        shorter = config.variant(**{config.length_name: length}).action_delta_indices
+        steps = config.variant(**chosen).action_delta_indices
     except ConfigurationError:
         return False
-    return shorter == config.action_delta_indices[: len(shorter)]
+    loaded = config.action_delta_indices
+    return steps[0] == loaded[0] and set(steps) <= set(loaded)
 
 
 def fit_execution(config: ChunkedConfig, meta: Any) -> None:

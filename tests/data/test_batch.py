@@ -26,9 +26,29 @@ def test_picks_what_the_policy_reads(batch):
     assert torch.equal(observation.vectors["observation.state"], batch["observation.state"])
     assert torch.equal(observation.images["observation.images.top"], batch["observation.images.top"])
     assert observation.batch_size == B
-    target = ActionTarget.from_lerobot(batch, SPEC, chunk_size=T)
+    target = ActionTarget.from_lerobot(batch, SPEC, range(T))
     assert torch.equal(target.actions, batch["action"])
     assert torch.equal(target.is_pad, batch["action_is_pad"])
+
+
+@pytest.mark.parametrize("first", [0, -1, 2])
+@pytest.mark.parametrize("strides", [(1, 1), (2,), (2, 1), (1, 2)], ids=str)
+def test_steps_are_found_among_all_from_the_first_of_them_on(batch, first, strides):
+    steps = [first]
+    for stride in strides:
+        steps.append(steps[-1] + stride)
+    target = ActionTarget.from_lerobot(batch, SPEC, steps)
+    places = [step - first for step in steps]
+    assert torch.equal(target.actions, batch["action"][:, places])
+    alone = {**batch, "action": target.actions, "action_is_pad": target.is_pad}
+    again = ActionTarget.from_lerobot(alone, SPEC, steps)
+    assert torch.equal(again.actions, target.actions)
+    assert torch.equal(again.is_pad, batch["action_is_pad"][:, places])
+
+
+def test_too_few_steps_are_refused(batch):
+    with pytest.raises(FeatureError, match=r"'action' has shape \(3, 5, 4\), .* built for \(B, 3, 4\)"):
+        ActionTarget.from_lerobot(batch, SPEC, [0, 3, 6])
 
 
 def test_batch_size_without_vectors(batch):
@@ -41,7 +61,7 @@ def test_a_missing_key_is_named_beside_what_there_is(batch, key):
     del batch[key]
     present = ", ".join(sorted(batch))
     with pytest.raises(FeatureError, match=f"needs '{key}', but the batch has only: {present}"):
-        (Observation.from_lerobot(batch, SPEC), ActionTarget.from_lerobot(batch, SPEC, chunk_size=T))
+        (Observation.from_lerobot(batch, SPEC), ActionTarget.from_lerobot(batch, SPEC, range(T)))
 
 
 def test_another_shape_is_named_beside_the_expected_one(batch):
@@ -49,7 +69,7 @@ def test_another_shape_is_named_beside_the_expected_one(batch):
     with pytest.raises(FeatureError, match=r"'observation.state' has shape \(3, 7\), .* built for \(B, 6\)"):
         Observation.from_lerobot(batch, SPEC)
     with pytest.raises(FeatureError, match=r"'action' has shape \(3, 5, 4\), .* built for \(B, 9, 4\)"):
-        ActionTarget.from_lerobot(batch, SPEC, chunk_size=9)
+        ActionTarget.from_lerobot(batch, SPEC, range(9))
 
 
 def test_first_non_finite(batch):

@@ -66,30 +66,55 @@ def _quiet_statistics(monkeypatch):
 
 @every_type
 @pytest.mark.parametrize(
-    ("fps", "lengths", "share", "most"),
+    ("fps", "lengths", "length", "stride"),
     [
-        (50, (400, 400, 400), 1.0, 100),  # what the presets are made for
-        (100, (900, 900, 900), 1.0, 100),  # never more: no more is loaded
-        (30, (900, 900, 900), 0.6, 60),
-        (10, (900, 900, 900), 0.2, 20),
-        (10, (47, 47, 47), 0.2, 20),
-        (50, (47, 50, 55), 0.5, 25),  # half of the median episode
-        (50, (9, 9, 9), 0.0, 5),
-        (50, (20, 20, 400), 0.2, 10),  # the longest episode does not decide
+        (50, (400, 400, 400), 20, 5),  # what the presets are made for
+        (100, (900, 900, 900), 10, 10),  # no more is loaded
+        (30, (900, 900, 900), 20, 3),
+        (25, (900, 900, 900), 24, 2),
+        (15, (900, 900, 900), 14, 2),
+        (10, (900, 900, 900), 20, 1),
+        (10, (47, 47, 47), 20, 1),
+        (10, (24, 24, 24), 10, 1),
+        (50, (90, 100, 110), 10, 5),  # half of the median episode
+        (50, (9, 9, 9), 2, 5),
+        (50, (40, 40, 400), 4, 5),  # the longest episode does not decide
     ],
 )
-def test_a_chunk_lasts_as_long_at_any_rate_and_half_an_episode_at_most(
-    kind, fps, lengths, share, most, tmp_path, caplog
+def test_predictions_lie_a_tenth_of_a_second_apart_over_half_an_episode_at_most(
+    kind, fps, lengths, length, stride, tmp_path, caplog
 ):
-    usual = getattr(config_of(kind), LENGTHS[kind])
     config = config_of(kind)
+    assert (getattr(config, LENGTHS[kind]), config.chunk_stride) == (100, 1)
     made(config, meta_of(tmp_path, fps=fps, lengths=lengths))
-    expected = max(5, min(most, 5 * int(usual * fps / 50 / 5), usual))
-    assert getattr(config, LENGTHS[kind]) == expected
-    assert config.timing.control_steps == config.n_action_steps == expected
-    lines = [line for line in said(caplog) if line.startswith(LENGTHS[kind])]
-    assert len(lines) == (expected != usual)
-    assert all(f"--policy.{LENGTHS[kind]}={usual} keeps it" in line for line in lines)
+    assert (getattr(config, LENGTHS[kind]), config.chunk_stride) == (length, stride)
+    assert config.n_action_steps == config.timing.control_steps == (length - 1) * stride + 1
+    (line,) = [line for line in said(caplog) if line.startswith(LENGTHS[kind])]
+    assert f"--policy.{LENGTHS[kind]}=100 keeps the preset's" in line
+
+
+@every_type
+@pytest.mark.parametrize(("fps", "length"), [(50, 100), (30, 60), (10, 20), (100, 100)])
+def test_a_prediction_for_every_step_that_was_asked_for_lasts_as_long(kind, fps, length, tmp_path):
+    config = config_of(kind, chunk_stride=1)
+    made(config, meta_of(tmp_path, fps=fps, lengths=(900, 900)))
+    assert (getattr(config, LENGTHS[kind]), config.chunk_stride) == (length, 1)
+
+
+def test_a_block_of_predictions_lasts_as_long_at_any_spacing(tmp_path):
+    act = config_of("act_chunked")
+    diffusion = config_of("diffusion_chunked", actions_per_token=None)
+    before = act.actions_per_query, diffusion.actions_per_token
+    for config in (act, diffusion):
+        made(config, meta_of(tmp_path, fps=50, lengths=(400,)))
+    assert before == (10, 5)
+    assert (act.actions_per_query, diffusion.actions_per_token) == (2, 1)
+
+
+def test_the_autoregressive_preset_predicts_every_step(tmp_path):
+    config = config_of("act_chunked", preset="autoregressive")
+    made(config, meta_of(tmp_path, fps=50, lengths=(400,)))
+    assert (config.chunk_size, config.chunk_stride) == (50, 1)
 
 
 @every_type
@@ -136,7 +161,12 @@ def test_an_interval_that_was_given_holds_for_the_mode_that_is_chosen(kind, give
 
 @every_type
 def test_a_length_that_was_given_is_kept(kind, tmp_path, caplog):
-    for given in ({LENGTHS[kind]: 30}, {"fps": 10, "horizon_s": 3.0}, {LENGTHS[kind]: 12, "chunk_stride": 2}):
+    for given in (
+        {LENGTHS[kind]: 30},
+        {LENGTHS[kind]: 100},
+        {"fps": 10, "horizon_s": 3.0},
+        {LENGTHS[kind]: 12, "chunk_stride": 2},
+    ):
         config = config_of(kind, **given)
         before = getattr(config, LENGTHS[kind])
         made(config, meta_of(tmp_path))
@@ -146,13 +176,20 @@ def test_a_length_that_was_given_is_kept(kind, tmp_path, caplog):
 
 @every_type
 @pytest.mark.parametrize(
-    "given", [{"n_action_steps": 40}, {"replan_interval": 30}, {"chunk_stride": 2}], ids=str
+    ("fps", "given"),
+    [
+        (10, {"n_action_steps": 40}),
+        (10, {"replan_interval": 30}),
+        (10, {"chunk_stride": 2}),
+        (50, {"n_action_steps": 100}),
+    ],
+    ids=str,
 )
-def test_a_length_that_other_settings_need_is_kept(kind, given, tmp_path):
+def test_a_length_that_other_settings_need_is_kept(kind, fps, given, tmp_path):
     config = config_of(kind, **given)
-    before = getattr(config, LENGTHS[kind])
-    made(config, meta_of(tmp_path, fps=10, lengths=(300, 300)))
-    assert getattr(config, LENGTHS[kind]) == before
+    before = getattr(config, LENGTHS[kind]), config.chunk_stride
+    made(config, meta_of(tmp_path, fps=fps, lengths=(300, 300)))
+    assert (getattr(config, LENGTHS[kind]), config.chunk_stride) == before
     assert all(getattr(config, name) == value for name, value in given.items())
 
 
@@ -180,7 +217,7 @@ def test_what_was_chosen_is_stored_and_loaded(kind, tmp_path):
     policy = FIRST[kind].kind.finish(made(config, meta_of(tmp_path / "data", changes=True)))
     policy.save_pretrained(tmp_path / "checkpoint")
     stored = json.loads((tmp_path / "checkpoint" / "config.json").read_text())
-    names = (LENGTHS[kind], "n_action_steps", "execution", "replan_interval")
+    names = (LENGTHS[kind], "chunk_stride", "n_action_steps", "execution", "replan_interval")
     assert {name: stored[name] for name in names} == {name: getattr(config, name) for name in names}
     loaded = PreTrainedConfig.from_pretrained(tmp_path / "checkpoint")
     assert loaded.timing == config.timing == config.variant().timing
@@ -188,26 +225,27 @@ def test_what_was_chosen_is_stored_and_loaded(kind, tmp_path):
 
 
 @every_type
-def test_the_longer_chunk_that_lerobot_loaded_trains_its_beginning(kind, tmp_path):
+@pytest.mark.parametrize("fps", [50, 30, 10])
+def test_of_what_lerobot_loaded_the_chosen_actions_are_learned(kind, fps, tmp_path):
     config = config_of(kind)
-    loaded = len(config.action_delta_indices)  # before the policy is made
-    policy = FIRST[kind].kind.finish(made(config, meta_of(tmp_path)))
-    kept = len(config.action_delta_indices)
-    assert kept < loaded
+    loaded = config.action_delta_indices  # before the policy is made
+    policy = FIRST[kind].kind.finish(made(config, meta_of(tmp_path, fps=fps)))
+    places = [loaded.index(step) for step in config.action_delta_indices]
+    assert len(places) < len(loaded)
     rng = torch.Generator().manual_seed(0)
     batch = {
         "observation.state": torch.randn(4, 6, generator=rng),
-        "action": torch.randn(4, loaded, A, generator=rng),
-        "action_is_pad": torch.zeros(4, loaded, dtype=torch.bool),
+        "action": torch.full((4, len(loaded), A), torch.nan),
+        "action_is_pad": torch.rand(4, len(loaded), generator=rng) < 0.1,
     }
-    shorter = {
+    chosen = {
         **batch,
-        "action": batch["action"][:, :kept],
-        "action_is_pad": batch["action_is_pad"][:, :kept],
+        "action": torch.randn(4, len(places), A, generator=rng),
+        "action_is_pad": batch["action_is_pad"][:, places],
     }
-    batch["action"][:, kept:] = torch.nan
+    batch["action"][:, places] = chosen["action"]
     losses = []
-    for each in (batch, shorter):
+    for each in (batch, chosen):
         fresh = FIRST[kind].kind.finish(_same(policy, config))
         torch.manual_seed(0)
         losses.append(fresh.train().forward(each)[0])
@@ -225,5 +263,5 @@ def test_the_line_names_what_happens(tmp_path, caplog):
     with caplog.at_level(logging.WARNING):
         made(config_of("act_chunked"), meta_of(tmp_path, fps=25, lengths=(50, 50), changes=True))
     first, second = said(caplog)
-    assert re.match(r"chunk_size=25, 1 s at the dataset's 25 fps, because the default of 100", first)
+    assert re.match(r"chunk_size=12 and chunk_stride=2: predictions 0.08 s apart over 0.92 s", first)
     assert second.startswith("execution=receding, because the dataset's actions are changes of the state")

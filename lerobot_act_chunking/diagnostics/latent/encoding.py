@@ -112,7 +112,7 @@ def _training_batches(subject: Subject, samples: Samples) -> Iterator[TrainingBa
 
 def _training_batch(subject: Subject, batch: Mapping[str, Any]) -> TrainingBatch:
     config = subject.config
-    target = ActionTarget.from_lerobot(batch, config.feature_spec, config.chunk_size)
+    target = ActionTarget.from_lerobot(batch, config.feature_spec, config.action_delta_indices)
     window = Observation.window_from_lerobot(batch, config.feature_spec, config.n_obs_steps, target)
     actions = hold_padding(target.actions, target.is_pad)
     state = window.vectors.get(OBS_STATE)

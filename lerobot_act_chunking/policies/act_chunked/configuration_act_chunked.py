@@ -46,10 +46,11 @@ class ActChunkedConfig(ChunkedConfig):
         use_velocity: give the policy the change of the state vectors between the last two observations, too.
         random_shift: training moves images by up to so many pixels each way.
 
-        chunk_size: predicted actions per chunk. Where it is not given, training makes it shorter for datasets
-            of less than 50 control steps a second and for short episodes.
+        chunk_size: predicted actions per chunk, ``chunk_stride`` control steps apart. Where it is not given,
+            training fits it to the dataset: two seconds at 50 control steps a second and less, and at most
+            half of an episode.
         actions_per_query: consecutive actions that each decoder query emits; divides ``chunk_size``. 1 is
-            ACT; more makes long chunks cheap.
+            ACT; more makes long chunks cheap. ``base`` takes what lasts ten control steps.
         decoder_type: ``parallel`` decodes all queries at once (ACT); ``autoregressive`` one after the other,
             each knowing the actions before it.
         teacher_noise_std: noise on the earlier actions that autoregressive training shows to the decoder

@@ -101,7 +101,7 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
 
     def _training_batch(self, batch: Batch, generator: torch.Generator | None) -> TrainingBatch:
         config = self.config
-        target = ActionTarget.from_lerobot(batch, self.feature_spec, config.chunk_size)
+        target = ActionTarget.from_lerobot(batch, self.feature_spec, config.action_delta_indices)
         actions = hold_padding(target.actions, target.is_pad)
         window = Observation.window_from_lerobot(batch, self.feature_spec, config.n_obs_steps, target)
         decoder_inputs, mask = actions, None

@@ -38,7 +38,8 @@ def _follow_given(config: "ActChunkedConfig", values: dict[str, Any]) -> dict[st
         values["backbone_norm"] = "frozen_batch" if config.pretrained_backbone_weights else "group"
         values["dim_feedforward"] = 4 * (config.dim_model or values["dim_model"])
         chunk_size = config.chunk_size or values["chunk_size"]
-        values["actions_per_query"] = _largest_divisor(chunk_size, values["actions_per_query"])
+        actions_per_query = values["actions_per_query"] // (config.chunk_stride or 1)
+        values["actions_per_query"] = _largest_divisor(chunk_size, max(1, actions_per_query))
     if config.bounded:
         values["normalization_mapping"]["ACTION"] = NormalizationMode.MIN_MAX
     return values

@@ -42,8 +42,8 @@ class DiffusionChunkedConfig(ChunkedConfig):
             (Diffusion Policy's).
         n_obs_steps: number of observations that condition a chunk, the current one last.
         horizon: predicted actions per chunk, ``chunk_stride`` control steps apart. Where it is not given,
-            training makes it shorter for datasets of less than 50 control steps a second and for short
-            episodes.
+            training fits it to the dataset: two seconds at 50 control steps a second and less, and at most
+            half of an episode.
         execution: how chunks become actions, a mode of `ExecutionSettings`. Where it is not given and the
             dataset's actions are changes of the state, such as displacements, training chooses ``receding``.
         align: the first predicted action belongs to the ``current`` step, or to the ``first_obs`` as in
@@ -73,7 +73,7 @@ class DiffusionChunkedConfig(ChunkedConfig):
         diffusion_step_embed_dim: width of the time embedding of ``unet1d``.
         use_film_scale_modulation: let the condition scale the features of ``unet1d``, not only shift them.
         actions_per_token: consecutive actions that make one token of ``mixer`` and ``dit``; divides
-            ``horizon``. By default the largest of 1 ... 5 that does.
+            ``horizon``. By default the most that last no longer than five control steps.
         dim_model: token width of ``mixer`` and ``dit``.
         n_layers: number of layers of ``mixer`` and ``dit``.
         n_heads: attention heads of ``dit``.
@@ -176,7 +176,8 @@ class DiffusionChunkedConfig(ChunkedConfig):
         if self.down_dims is PRESET and self.unet_size in SIZES:
             self.down_dims = SIZES[self.unet_size]
         if self.actions_per_token is PRESET:
-            self.actions_per_token = max(n for n in range(1, 6) if self.horizon % n == 0)
+            most = max(1, 5 // self.chunk_stride)
+            self.actions_per_token = max(n for n in range(1, most + 1) if self.horizon % n == 0)
         check(self)
 
     @property

@@ -40,8 +40,8 @@ class VqbetChunkedConfig(ChunkedConfig):
         execution: how chunks become actions, a mode of `ExecutionSettings`. Where it is not given and the
             dataset's actions are changes of the state, such as displacements, training chooses ``receding``.
         chunk_size: predicted actions per chunk, ``chunk_stride`` control steps apart (LeRobot's
-            ``action_chunk_size``). Where it is not given, training makes it shorter for datasets of less than
-            50 control steps a second and for short episodes.
+            ``action_chunk_size``). Where it is not given, training fits it to the dataset: two seconds at 50
+            control steps a second and less, and at most half of an episode.
         n_action_pred_token: chunks predicted in training from the current step on, each one control step
             later. Only the first one acts; the others, and those of earlier observations, train the network.
         tokenizer: what turns chunks into codes: ``residual_vq`` (VQ-BeT), ``fsq`` (finite scalar

@@ -115,7 +115,7 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
             DatasetError: if the loss is not finite, naming the first key that holds a NaN or an infinity.
         """
         self._settle()
-        target = ActionTarget.from_lerobot(batch, self.feature_spec, len(self.config.action_delta_indices))
+        target = ActionTarget.from_lerobot(batch, self.feature_spec, self.config.action_delta_indices)
         actions = hold_padding(target.actions, target.is_pad)
         require_finite_actions(actions)
         chunks, is_pad = actions[:, self.windows], target.is_pad[:, self.windows]  # (B, Q, C, A), (B, Q, C)

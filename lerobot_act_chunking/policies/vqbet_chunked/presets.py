@@ -34,7 +34,7 @@ def _base(bounded: bool, pretrained: bool) -> dict[str, Any]:
     return {
         "n_obs_steps": 1,
         "n_action_pred_token": 1,
-        "chunk_size": 50,
+        "chunk_size": 100,
         "chunk_stride": 1,
         "execution": "crossfade",
         "normalization_mapping": {**mean_std, "ACTION": actions},

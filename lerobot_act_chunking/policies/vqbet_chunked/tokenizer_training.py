@@ -17,7 +17,9 @@ from lerobot_act_chunking.data.actions import read_demonstrations
 from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.durable_files import write_atomically
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
+from lerobot_act_chunking.policies.dataset_defaults import fitting_length, spaced_stride
 from lerobot_act_chunking.policies.vqbet_chunked.action_chunks import ActionChunks
+from lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked import VqbetChunkedConfig
 from lerobot_act_chunking.policies.vqbet_chunked.presets import preset_values
 from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import (
     TokenizerInfo,
@@ -73,7 +75,8 @@ def plan_training(
 
     Args:
         dataset: folder of a LeRobotDataset.
-        preset: of `VqbetChunkedConfig`, for the fields that are not given.
+        preset: of `VqbetChunkedConfig`, for the fields that are not given; ``base`` spaces predictions as
+            its policy's training does.
         fields: of `VqbetChunkedConfig`, and ``normalization``, that of actions.
         training: how to train.
 
@@ -88,6 +91,12 @@ def plan_training(
     if mode not in modes:
         raise unknown_choice("normalization", mode, modes)
     demonstrations = read_demonstrations(dataset)
+    if preset in VqbetChunkedConfig.spaced_presets and not {"chunk_size", "chunk_stride"} & fields.keys():
+        fps, (_, lengths) = demonstrations.fps, np.unique(demonstrations.episode, return_counts=True)
+        values["chunk_stride"] = spaced_stride(fps)
+        values["chunk_size"] = fitting_length(
+            values["chunk_size"], values["chunk_stride"], fps, lengths.tolist()
+        )
     sizes = {"chunk_size": values["chunk_size"], "action_dim": len(demonstrations.names)}
     spec = TokenizerSpec.from_fields(SimpleNamespace(**values), **sizes)
     check_tokenizer(spec)

@@ -259,3 +259,19 @@ def test_presets_fill_in_what_is_not_given(dataset):
     assert info.spec.kmeans_iters == 0
     info, _ = plan(dataset, preset="paper", normalization="quantiles")
     assert info.normalization == "QUANTILES"
+
+
+@pytest.mark.parametrize(
+    ("preset", "given", "expected"),
+    [
+        ("base", {}, (2, 2)),  # 20 steps a second, half of an episode of 11
+        ("base", {"chunk_stride": 1}, (100, 1)),
+        ("base", {"chunk_size": 7}, (7, 1)),
+        ("paper", {}, (5, 1)),
+    ],
+    ids=str,
+)
+def test_chunks_are_those_of_a_policy_trained_on_the_same_data(dataset, preset, given, expected):
+    training = TokenizerTraining(steps=6, batch_size=10)
+    info, _ = plan_training(dataset, preset, given, training)
+    assert (info.spec.chunk_size, info.chunk_stride) == expected
