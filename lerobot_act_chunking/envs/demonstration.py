@@ -43,6 +43,8 @@ class ExpertOptions:
         one_arm_first: 1 where the second arm begins only when the first has grasped.
         constant_speed: 1 where movements start and stop at once, go at constant speed in between, and nothing
             moves in a pause, as programmed robots often do.
+        stepwise: 1 where each movement begins when the one before it has ended, as ACT's scripted
+            demonstrations do.
         latency: how much later [s] than it is recorded a command reaches the robot.
         dropped_frames: share of the control steps that the recording misses.
     """
@@ -63,6 +65,7 @@ class ExpertOptions:
     missed_grasps: int = 0
     one_arm_first: int = 0
     constant_speed: int = 0
+    stepwise: int = 0
     latency: float = 0.0
     dropped_frames: float = 0.0
 

@@ -50,6 +50,7 @@ class Operator:
         one_arm_share: share of the episodes in which one arm moves after the other.
         constant_speed: 1 where movements start and stop at once, go at constant speed in between, and nothing
             moves in a pause.
+        stepwise: 1 where each movement begins when the one before it has ended.
         latency: how much later [s] than it is recorded a command reaches the robot.
         dropped_frames: share of the control steps that the recording misses.
     """
@@ -71,6 +72,7 @@ class Operator:
     miss_rate: float = 0.0
     one_arm_share: float = 0.0
     constant_speed: int = 0
+    stepwise: int = 0
     latency: float = 0.0
     dropped_frames: float = 0.0
 
@@ -101,6 +103,7 @@ class Operator:
             "missed_grasps": int(rng.random() < self.miss_rate),
             "one_arm_first": int(rng.random() < self.one_arm_share),
             "constant_speed": self.constant_speed,
+            "stepwise": self.stepwise,
             "latency": self.latency,
             "dropped_frames": self.dropped_frames,
         }
@@ -202,6 +205,8 @@ OPERATORS: Mapping[str, Operator] = {
     ),
     # No person but a program: constant speed, and the same long standstills in every episode.
     "programmed": Operator(pace=1.3, constant_speed=1, dwell=0.8, dwell_after=0.9, idle_end=0.2),
+    # Another program, which does the tasks another way: from way-point to way-point, with inclined grippers.
+    "stepwise": Operator(stepwise=1, dwell=0.2, dwell_after=0.2, idle_end=0.2),
 }
 """The people, by name."""
 

@@ -169,7 +169,9 @@ def miss_first_grasp(script: Script) -> Script:
     x, y, z, *angles = descent.target
     too_high = replace(descent, target=(x, y, z + _MISSED_BY, *angles))
     reopening = Stroke(closing.end + 0.15, closing.end + 0.55, opening.target)
-    further_down = Stroke(descent.end + 0.35, descent.end + _RETRY, descent.target)
+    further_down = Stroke(
+        max(descent.end + 0.35, reopening.start + 0.1), descent.end + _RETRY, descent.target
+    )
     after = _delayed_arm(ArmScript(arm.tool[2:], arm.gripper[1:]), _RETRY, -np.inf)
     missed = ArmScript(
         tool=(approach, too_high, further_down, *after.tool),

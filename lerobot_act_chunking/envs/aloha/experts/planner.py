@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lerobot_act_chunking.envs.aloha.experts import insertion, transfer_cube
+from lerobot_act_chunking.envs.aloha.experts import insertion, stepwise, transfer_cube
 from lerobot_act_chunking.envs.aloha.experts.kinematics import HOME_JOINTS, Arm, forward, inverse
 from lerobot_act_chunking.envs.aloha.experts.motion import (
     PAUSE_WINDOW,
@@ -36,6 +36,10 @@ _SCRIPTS: dict[str, Callable[[np.ndarray], Script]] = {
     "transfer_cube": transfer_cube.script,
     "insertion": insertion.script,
 }
+_STEPWISE: dict[str, Callable[[np.ndarray], Script]] = {
+    "transfer_cube": stepwise.transfer_cube,
+    "insertion": stepwise.insertion,
+}
 _HOME_GRIPPER = (0.09985,)  # gym-aloha starts with all but closed fingers
 _ARM_JOINTS = [*range(6), *range(7, 13)]
 _MAX_TURN = 0.1  # [rad]; closing fingers straighten an object that is turned less
@@ -57,6 +61,7 @@ RANGES: Ranges = {
     "missed_grasps": (0, 1, "grasps"),
     "one_arm_first": (0, 1, "arms"),
     "constant_speed": (0, 1, "(no or yes)"),
+    "stepwise": (0, 1, "(no or yes)"),
     "latency": (0.0, 0.2, "s"),
     "dropped_frames": (0.0, 0.2, "of the control steps"),
 }
@@ -96,7 +101,7 @@ def plan(task: str, object_pose: np.ndarray, options: ExpertOptions, rng: np.ran
     """
     options.check(RANGES)
     pose = _checked_pose(task, object_pose)
-    script = _SCRIPTS[task](pose)
+    script = (_STEPWISE if options.stepwise else _SCRIPTS)[task](pose)
     if options.missed_grasps:
         script = miss_first_grasp(script)
     if options.one_arm_first:

@@ -54,6 +54,7 @@ RANGES: Ranges = {
     "missed_grasps": (0, 1, "grasps"),
     "one_arm_first": (0, 1, "arms"),
     "constant_speed": (0, 1, "(no or yes)"),
+    "stepwise": (0, 1, "(no or yes)"),
     "latency": (0.0, 0.04, "s"),
     "dropped_frames": (0.0, 0.2, "of the control steps"),
 }
