@@ -2,7 +2,7 @@
 
     OMP_NUM_THREADS=1 python benchmarks/operators.py --operators unhurried hesitant --tasks transfer_cube
 
-Each operator (lerobot_act_chunking/envs/operators.py), and all of them in turn (`everybody`), demonstrates
+Each operator (lerobot_act_chunking/envs/operators.py), and ten of them in turn (`everybody`), demonstrates
 each ALOHA task 50 times and each Fetch task 100 times, or as often as is asked for. Policies learn from one
 of these datasets as they come and act in the same 200 unseen episodes, by several settings of execution.
 Every training and every evaluation is written down when it is done, so that the study can be stopped and
@@ -26,6 +26,8 @@ from rich.table import Table
 from lerobot_act_chunking.envs.operators import OPERATORS
 
 EVERYBODY = "everybody"
+PEOPLE = tuple(name for name, habits in OPERATORS.items() if not habits.stepwise)
+"""Who is everybody: all who do the tasks in the same way."""
 CPU = {"device": "cpu", "push_to_hub": False}
 HISTORY = {"n_obs_steps": 2, "obs_stride": 25, "history_dropout": 0.3}
 SPARSE = {"chunk_size": 20, "chunk_stride": 5}
@@ -106,7 +108,7 @@ def main() -> None:
     args = parser.parse_args()
     console = Console(width=160)
     for name in args.operators:
-        people = tuple(OPERATORS) if name == EVERYBODY else (name,)
+        people = PEOPLE if name == EVERYBODY else (name,)
         place = name if args.demonstrations is None else f"{name}_{args.demonstrations}"
         study = Study(
             args.folder / place,

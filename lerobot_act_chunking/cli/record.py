@@ -56,8 +56,8 @@ def record_command(
             "--operators",
             "--operator",
             help="Who demonstrates, in turn: steady, unhurried, brisk, hesitant, cautious, shaky, clumsy, "
-            "remote, two_sided, programmed; as in brisk,shaky. \\[default: the expert, with the options "
-            "below]",
+            "remote, two_sided, programmed, stepwise, methodical; as in brisk,shaky. \\[default: the expert, "
+            "with the options below]",
         ),
     ] = "",
     speed: Annotated[float, typer.Option(help="The expert's pace, 1 is nominal.")] = 1.0,

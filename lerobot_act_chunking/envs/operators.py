@@ -207,6 +207,19 @@ OPERATORS: Mapping[str, Operator] = {
     "programmed": Operator(pace=1.3, constant_speed=1, dwell=0.8, dwell_after=0.9, idle_end=0.2),
     # Another program, which does the tasks another way: from way-point to way-point, with inclined grippers.
     "stepwise": Operator(stepwise=1, dwell=0.2, dwell_after=0.2, idle_end=0.2),
+    # A person who does them so, and rests where the program does, for longer or shorter.
+    "methodical": Operator(
+        pace=1.1,
+        pace_spread=0.05,
+        waypoint_noise=0.01,
+        dwell=0.3,
+        dwell_after=0.2,
+        dwell_spread=0.3,
+        idle_start=0.3,
+        idle_end=0.2,
+        hand_noise=0.02,
+        stepwise=1,
+    ),
 }
 """The people, by name."""
 

@@ -127,6 +127,16 @@ def test_a_program_stands_still_in_its_pauses_and_moves_at_constant_speed():
     assert jumps > 3 * smooth
 
 
+def test_step_by_step_the_arm_rests_at_every_way_point():
+    def rests(**options):
+        moved = np.abs(np.diff(planned(**options).actions[:, 7:13], axis=0)).max(axis=1) < 5e-4
+        return len([run for run in "".join(".x"[int(each)] for each in moved).split(".") if len(run) > 2])
+
+    # Before the start, above the cube, at it, above it again, and until the cube is given.
+    assert rests(stepwise=1) == 5
+    assert rests() == 0
+
+
 def test_one_arm_waits_until_the_other_has_grasped():
     plain, waiting = planned().actions, planned(one_arm_first=1).actions
     assert 90 <= len(waiting) - len(plain) <= 94

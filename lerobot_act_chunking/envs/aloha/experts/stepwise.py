@@ -13,6 +13,7 @@ from lerobot_act_chunking.envs.aloha.experts.motion import ArmScript, Script, St
 _PITCH, _LEVEL, _SIDEWAYS = np.pi / 3, 0.0, np.pi / 2
 _OPEN, _CLOSED = (1.0,), (0.0,)
 _MEETING_Y = 0.5
+_FIRST_MOTION = 0.2  # [s]
 _ABOVE = 0.1  # of the way-point before a grasp, over it
 
 _CUBE_Z, _HAND_OVER_Z = 0.022, 0.25
@@ -82,10 +83,10 @@ def _arm(
     way_points: Sequence[tuple[float, tuple[float, ...] | None]],
     gripper: Sequence[tuple[float, float, tuple[float, ...]]],
 ) -> ArmScript:
-    """An arm that is at each way-point at its time [s], and at the one before it until then; None: stays."""
-    strokes, start = [], 0.2
+    """An arm that is at each way-point at its time [s]; None: it stays until then. The first one is free."""
+    strokes, start = [], _FIRST_MOTION
     for end, target in way_points:
         if target is not None:
-            strokes.append(Stroke(start, end, target))
+            strokes.append(Stroke(start, end, target, free=not strokes))
         start = end
     return ArmScript(tuple(strokes), tuple(Stroke(*each) for each in gripper))

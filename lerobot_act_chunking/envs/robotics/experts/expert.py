@@ -70,8 +70,8 @@ class Expert:
     Without noise and pauses, an action is a function of the current observation. A pause of ``dwell`` seconds
     comes before the fingers close or the push begins, one of ``dwell_after`` when the block is grasped;
     FetchReach has neither, nor a free way-point. Only FetchPickAndPlace has a grasp that can be missed, and
-    no task has a second arm, and a controller moves, so that ``constant_speed`` changes nothing. All episodes
-    last equally long, so that ``idle_end`` is what is left of them.
+    no task has a second arm, and a controller moves, so that ``constant_speed`` and ``stepwise`` change
+    nothing. All episodes last equally long, so that ``idle_end`` is what is left of them.
 
     Args:
         task: one of ``EXPERTS``.

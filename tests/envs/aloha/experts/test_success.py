@@ -74,6 +74,20 @@ def test_every_option_still_succeeds(task, options):
     assert successes(task, seeds=2, **options) == 2
 
 
+@pytest.mark.parametrize(
+    ("task", "options", "at_least"),
+    [
+        ("transfer_cube", {}, 4),
+        ("insertion", {}, 3),
+        ("transfer_cube", {"missed_grasps": 1, "speed": 1.15}, 3),
+        ("transfer_cube", {"one_arm_first": 1, "speed": 1.4}, 4),
+    ],
+    ids=str,
+)
+def test_another_way_of_doing_it_succeeds(task, options, at_least):
+    assert successes(task, seeds=4, stepwise=1, **options) >= at_least
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("task", TASKS)
 def test_unseen_seeds(task):
