@@ -25,11 +25,9 @@ DEFAULTS = ("as it comes", "crossfade 25 over 50")
 """Executions that are the default: the second one of chunks of 100 steps."""
 
 NAMES = {
-    "act_chunked_history_1500": "`act_chunked`, two observations",
-    "act_small_4000": "`act_chunked`, the quickstart's sizes",
-    "act_20x5_1500": "`act_chunked`, 20 predictions 5 steps apart",
-    "vqbet_100_1500": "`vqbet_chunked`, 100 predictions",
-    "vqbet_20x5_1500": "`vqbet_chunked`, 20 predictions 5 steps apart",
+    "act_chunked_history_1500": "`act_chunked`, every step, two observations",
+    "act_small_4000": "`act_chunked`, every step, the quickstart's sizes",
+    "vqbet_50_1500": "`vqbet_chunked`, every step, for one second",
 }
 
 FETCH_COLUMNS = (
@@ -52,10 +50,10 @@ def by_operator() -> Iterator[str]:
         if each["operator"] != EVERYBODY and each["demonstrations"] == DEMONSTRATIONS
     ]
     yield from table(
-        ("task", "person", "policy", "training steps"),
+        ("task", "person", "policy", "training steps", "training seed"),
         COLUMNS,
         entries,
-        lambda entry: (entry["run"]["task"], f"`{entry['operator']}`", policy_of(entry), steps_of(entry)),
+        lambda entry: (entry["run"]["task"], f"`{entry['operator']}`", *training_of(entry)),
     )
 
 
@@ -63,14 +61,13 @@ def of_everybody() -> Iterator[str]:
     """What policies learn from all people in one dataset."""
     entries = [each for each in read("operators") if each["operator"] == EVERYBODY]
     yield from table(
-        ("task", "demonstrations", "policy", "training steps", "CPU minutes"),
+        ("task", "demonstrations", "policy", "training steps", "training seed", "CPU minutes"),
         EVERYBODY_COLUMNS,
         entries,
         lambda entry: (
             entry["run"]["task"],
             entry["demonstrations"],
-            policy_of(entry),
-            steps_of(entry),
+            *training_of(entry),
             f"{entry['train']['cpu_minutes']:.1f}",
         ),
     )
@@ -80,13 +77,15 @@ def read(name: str) -> list[dict[str, Any]]:
     return json.loads((RESULTS / f"{name}.json").read_text())
 
 
+def training_of(entry: dict[str, Any]) -> tuple[str, int, int]:
+    """The policy, how many steps it was trained for, and the training seed."""
+    return policy_of(entry), entry["train"]["steps"], entry["run"]["seed"]
+
+
 def policy_of(entry: dict[str, Any]) -> str:
     variant = entry["run"]["variant"]
-    return NAMES.get(variant) or f"`{variant.rpartition('_')[0]}`"
-
-
-def steps_of(entry: dict[str, Any]) -> int:
-    return entry["train"]["steps"]
+    kind, every_step, _ = variant.rpartition("_")[0].partition("_every_step")
+    return NAMES.get(variant) or f"`{kind}`" + (", every step" if every_step else "")
 
 
 def table(
@@ -105,11 +104,11 @@ def table(
     """
     rows: dict[tuple[Any, ...], dict[str, Any]] = {}
     for entry in entries:
-        row = rows.setdefault((*row_of(entry), entry["run"]["seed"]), {})
+        row = rows.setdefault(row_of(entry), {})
         row["default" if entry["execution"] in DEFAULTS else entry["execution"]] = entry
     yield f"| {' | '.join([*headings, *columns])} |"
     yield "|" + "---|" * len([*headings, *columns])
-    for (*description, _), row in sorted(rows.items()):
+    for description, row in sorted(rows.items()):
         values = [successes(row.get(name)) for name in columns]
         yield f"| {' | '.join([*map(str, description), *values])} |"
 
@@ -125,7 +124,7 @@ def by_interval() -> Iterator[str]:
     for entry in read("operators"):
         match = re.fullmatch(r"crossfade (\d+) over 50", entry["execution"])
         of = (entry["operator"], entry["run"]["task"], entry["run"]["variant"])
-        if match and of == ("hesitant", "insertion", "act_chunked_1500"):
+        if match and of == ("hesitant", "insertion", "act_chunked_every_step_1500"):
             found[int(match[1])] = successes(entry)
     yield f"| a new chunk every | {' | '.join(f'{interval} steps' for interval in sorted(found))} |"
     yield "|" + "---|" * (len(found) + 1)

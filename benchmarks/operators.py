@@ -30,21 +30,26 @@ PEOPLE = tuple(name for name, habits in OPERATORS.items() if not habits.stepwise
 """Who is everybody: all who do the tasks in the same way."""
 CPU = {"device": "cpu", "push_to_hub": False}
 HISTORY = {"n_obs_steps": 2, "obs_stride": 25, "history_dropout": 0.3}
-SPARSE = {"chunk_size": 20, "chunk_stride": 5}
+EVERY_STEP: dict[str, dict[str, Any]] = {
+    "act_chunked": {"chunk_size": 100},
+    "diffusion_chunked": {"horizon": 100},
+    "vqbet_chunked": {"chunk_size": 100},
+}
 VARIANTS = {
     **{
-        f"{kind}_{steps}": Variant({"type": kind, **CPU}, steps, 64)
-        for kind in ("act_chunked", "diffusion_chunked", "vqbet_chunked")
+        f"{kind}{name}_{steps}": Variant({"type": kind, **given, **CPU}, steps, 64)
+        for kind, every_step in EVERY_STEP.items()
+        for name, given in (("", {}), ("_every_step", every_step))
         for steps in (1500, 4000)
     },
-    "act_chunked_history_1500": Variant({"type": "act_chunked", **HISTORY, **CPU}, 1500, 64),
+    "act_chunked_history_1500": Variant(
+        {"type": "act_chunked", "chunk_size": 100, **HISTORY, **CPU}, 1500, 64
+    ),
     "act_small_4000": Variant(RECIPE["policy"], 4000, 64),
-    "act_20x5_1500": Variant({"type": "act_chunked", **SPARSE, "actions_per_query": 2, **CPU}, 1500, 64),
-    "vqbet_20x5_1500": Variant({"type": "vqbet_chunked", **SPARSE, **CPU}, 1500, 64),
-    "vqbet_100_1500": Variant({"type": "vqbet_chunked", "chunk_size": 100, **CPU}, 1500, 64),
+    "vqbet_50_1500": Variant({"type": "vqbet_chunked", "chunk_size": 50, **CPU}, 1500, 64),
 }
-"""Policies as they come, by type and training steps; one that sees what was half a second ago; the
-quickstart's sizes; predictions a tenth of a second apart; and VQ-BeT over as long chunks as the others."""
+"""Policies by type and training steps, as they come and with a prediction for every step; one that sees what
+was half a second ago; the quickstart's sizes; and VQ-BeT over half as long chunks."""
 EXECUTIONS: dict[str, dict[str, Any]] = {
     "as it comes": {},
     "crossfade 25 over 50": {"execution": "crossfade", "replan_interval": 25, "crossfade_steps": 50},
