@@ -5,7 +5,7 @@ that goes on from a checkpoint, or ``preset=paper``, whose settings are LeRobot'
 """
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -25,19 +25,31 @@ STATES = (FeatureType.STATE, FeatureType.ENV)
 EXECUTION = ("execution", "crossfade_steps")  # given, they are a choice of the mode
 
 
-def fit_to_dataset(config: ChunkedConfig, meta: Any) -> None:
+def _accept(config: ChunkedConfig) -> None:
+    """Take a configuration as it is."""
+
+
+def fit_to_dataset(
+    config: ChunkedConfig, meta: Any, check: Callable[[ChunkedConfig], object] = _accept
+) -> None:
     """Let the length and the execution of chunks follow from the dataset, as far as nobody chose them.
 
     Args:
         config: of a policy that is trained from the beginning; changed in place.
         meta: LeRobot's metadata of the dataset.
+        check: raises a `ConfigurationError` for a configuration whose chunks are of no use.
     """
     if config.given("preset") != "paper":
-        fit_chunk(config, meta.fps, meta.episodes["length"])
+        fit_chunk(config, meta.fps, meta.episodes["length"], check)
         fit_execution(config, meta)
 
 
-def fit_chunk(config: ChunkedConfig, fps: float, episode_lengths: Sequence[int]) -> None:
+def fit_chunk(
+    config: ChunkedConfig,
+    fps: float,
+    episode_lengths: Sequence[int],
+    check: Callable[[ChunkedConfig], object] = _accept,
+) -> None:
     """Lay predictions a tenth of a second apart, over the time of the preset's chunk or half an episode.
 
     A chunk stays as it is if its length was given, or if other given settings need it. With a given
@@ -48,6 +60,7 @@ def fit_chunk(config: ChunkedConfig, fps: float, episode_lengths: Sequence[int])
         config: changed in place.
         fps: of the dataset.
         episode_lengths: of all of its episodes [control steps].
+        check: as `fit_to_dataset` takes it.
     """
     name = config.length_name
     if any(config.given(each) is not None for each in (name, "horizon_s")) or config.chunk_stride != 1:
@@ -59,7 +72,7 @@ def fit_chunk(config: ChunkedConfig, fps: float, episode_lengths: Sequence[int])
         chosen = {name: length, "chunk_stride": stride}
         if (length, stride) == (usual, 1):
             return
-        if _is_loaded(config, chosen):
+        if _is_usable(config, chosen, check):
             break
     else:
         return
@@ -99,13 +112,16 @@ def fitting_length(usual: int, stride: int, fps: float, episode_lengths: Sequenc
     return max(grain, grain * int(most / stride / grain))
 
 
-def _is_loaded(config: ChunkedConfig, chosen: dict[str, int]) -> bool:
+def _is_usable(
+    config: ChunkedConfig, chosen: dict[str, int], check: Callable[[ChunkedConfig], object]
+) -> bool:
     """Whether this chunk works, and LeRobot has loaded its actions for the preset's."""
     try:
-        steps = config.variant(**chosen).action_delta_indices
+        variant = config.variant(**chosen)
+        check(variant)
     except ConfigurationError:
         return False
-    loaded = config.action_delta_indices
+    steps, loaded = variant.action_delta_indices, config.action_delta_indices
     return steps[0] == loaded[0] and set(steps) <= set(loaded)
 
 

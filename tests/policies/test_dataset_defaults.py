@@ -3,15 +3,12 @@
 import json
 import logging
 import re
-from types import SimpleNamespace
 
-import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 import torch
 from lerobot.configs import PreTrainedConfig
 from lerobot.policies.factory import get_policy_class
+from planted_meta import meta_of
 from policy_case import STATE
 from policy_cases import CASES, LENGTHS, A
 
@@ -25,43 +22,12 @@ def config_of(kind, **settings):
     return FIRST[kind].config(**{LENGTHS[kind]: None} | settings)
 
 
-def meta_of(folder, *, changes=False, fps=10, lengths=(47, 50, 55)):
-    """Metadata of a dataset, in a folder, whose actions are positions or changes of the state."""
-    rng = np.random.default_rng(0)
-    (width,) = STATE["observation.state"].shape
-    speeds = np.repeat(rng.normal(size=(40, width)), 5, axis=0)
-    states = np.cumsum(speeds, axis=0)
-    actions = (speeds if changes else states)[1:, :A]
-    (folder / "data").mkdir(parents=True, exist_ok=True)
-    rows = {
-        "observation.state": list(states[:-1]),
-        "action": list(actions),
-        "episode_index": [0] * len(actions),
-    }
-    pq.write_table(pa.table(rows), folder / "data" / "file.parquet")
-    features = {
-        "observation.state": {"dtype": "float32", "shape": (width,)},
-        "action": {"dtype": "float32", "shape": (A,)},
-    }
-    return SimpleNamespace(
-        root=folder, fps=fps, features=features, episodes={"length": list(lengths)}, stats=None,
-        repo_id="local/planted",
-    )  # fmt: skip
-
-
 def made(config, meta, **kwargs):
     return get_policy_class(config.type)(config, dataset_meta=meta, **kwargs)
 
 
 def said(caplog):
     return [record.getMessage() for record in caplog.records if "_defaults" in record.pathname]
-
-
-@pytest.fixture(autouse=True)
-def _quiet_statistics(monkeypatch):
-    monkeypatch.setattr(
-        "lerobot_act_chunking.policies.chunked_config.ChunkedConfig.check_dataset", lambda *_: None
-    )
 
 
 @every_type

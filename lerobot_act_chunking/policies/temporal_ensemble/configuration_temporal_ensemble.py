@@ -12,6 +12,8 @@ from lerobot.optim import LRSchedulerConfig, OptimizerConfig
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.settings import ExecutionSettings, Mode
 from lerobot_act_chunking.policies.chunk_length import chunk_length
+from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
+from lerobot_act_chunking.policies.dataset_defaults import fit_to_dataset
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields, check_gripper_dims
 from lerobot_act_chunking.policies.field_checks import check_fields
 from lerobot_act_chunking.policies.push_check import ChecksPush
@@ -98,6 +100,20 @@ class TemporalEnsembleConfig(ExecutionFields, ChecksPush):
         inner.input_features, inner.output_features = self.input_features, self.output_features
         inner.device = self.device
         return inner
+
+    def fit_to_dataset(self, meta: Any) -> None:
+        """Let the chunks of an inner policy of this package follow from the dataset, as far as nobody chose.
+
+        Args:
+            meta: LeRobot's metadata of the dataset.
+        """
+        inner = self.inner_config
+        if isinstance(inner, ChunkedConfig):
+            fit_to_dataset(
+                inner, meta, lambda each: self.resolve_execution(chunk_length(each), self.n_action_steps)
+            )
+            inner.settle(**{inner.length_name: getattr(inner, inner.length_name)})  # it must not choose again
+            self.inner = self._encoded(inner)
 
     @property
     def inner_source(self) -> str | None:

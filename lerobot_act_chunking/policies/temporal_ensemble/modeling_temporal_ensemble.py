@@ -56,6 +56,7 @@ class TemporalEnsemblePolicy(WithModelCard, PreTrainedPolicy):
         self.config = config
         meta = dataset.get("dataset_meta")
         if meta is not None and meta.episodes is not None and load_inner and config.inner_source is None:
+            config.fit_to_dataset(meta)
             limit_execution(config, max(meta.episodes["length"]))
         self.inner = _build_inner(config, config.inner_source if load_inner else None, dataset, load_inner)
         self._observations = InnerObservations(self.inner)
