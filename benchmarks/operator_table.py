@@ -31,6 +31,7 @@ NAMES = {
 }
 
 FETCH_COLUMNS = (
+    "default",
     *(f"receding {interval}" for interval in (2, 4, 6, 10, 12)),
     "open loop",
     "crossfade 6 over 12",
@@ -133,10 +134,10 @@ def by_interval() -> Iterator[str]:
 
 def on_fetch() -> Iterator[str]:
     yield from table(
-        ("task", "person"),
+        ("task", "person", "policy"),
         FETCH_COLUMNS,
         read("operators_fetch"),
-        lambda entry: (entry["run"]["task"], f"`{entry['operator']}`"),
+        lambda entry: (entry["run"]["task"], f"`{entry['operator']}`", policy_of(entry)),
     )
 
 
