@@ -2,8 +2,8 @@
 
     python benchmarks/operator_table.py
 
-reads benchmarks/results/operators.json, operators_fetch.json and pushed.json and writes the tables between
-their marks; a test compares.
+reads benchmarks/results/operators.json, operators_fetch.json, smoothed.json and pushed.json and writes the
+tables between their marks; a test compares.
 """
 
 import argparse
@@ -27,12 +27,12 @@ DEFAULTS = ("as it comes", "crossfade 25 over 50")
 NAMES = {
     "act_chunked_history_1500": "`act_chunked`, every step, two observations",
     "act_small_4000": "`act_chunked`, every step, the quickstart's sizes",
+    "act_12x2_1500": "`act_chunked`, every second step",
     "vqbet_50_1500": "`vqbet_chunked`, every step, for one second",
 }
 
 FETCH_COLUMNS = (
-    "default",
-    *(f"receding {interval}" for interval in (2, 4, 6, 10, 12)),
+    *(f"receding {interval}" for interval in (2, 4, 5, 6, 10, 12)),
     "open loop",
     "crossfade 6 over 12",
     "ensemble 6",
@@ -120,6 +120,31 @@ def successes(entry: dict[str, Any] | None) -> str:
     return shown(entry["episodes"] - len(entry["failed_seeds"]), entry["episodes"])
 
 
+def by_spacing() -> Iterator[str]:
+    """Trainings with a prediction for every step and for every tenth of a second, acting by default."""
+    rows: dict[tuple[Any, ...], dict[bool, str]] = {}
+    for entry in read("operators"):
+        run = entry["run"]
+        name, _, steps = run["variant"].rpartition("_")
+        kind, every_step, _ = name.partition("_every_step")
+        if entry["execution"] in DEFAULTS:
+            row = (
+                run["task"],
+                f"`{entry['operator']}`",
+                entry["demonstrations"],
+                f"`{kind}`",
+                steps,
+                run["seed"],
+            )
+            rows.setdefault(row, {})[bool(every_step)] = successes(entry)
+    headings = ("task", "person", "demonstrations", "policy", "training steps", "training seed")
+    yield f"| {' | '.join(headings)} | every step | every tenth of a second |"
+    yield "|" + "---|" * (len(headings) + 2)
+    for row, both in sorted(rows.items()):
+        if len(both) == 2:
+            yield f"| {' | '.join(map(str, row))} | {both[True]} | {both[False]} |"
+
+
 def by_interval() -> Iterator[str]:
     found = {}
     for entry in read("operators"):
@@ -133,12 +158,28 @@ def by_interval() -> Iterator[str]:
 
 
 def on_fetch() -> Iterator[str]:
+    entries = read("operators_fetch")
+    for entry in entries:
+        if entry["execution"] == "as it comes":  # a quarter of 23 control steps
+            entry["execution"] = "receding 5"
     yield from table(
         ("task", "person", "policy"),
         FETCH_COLUMNS,
-        read("operators_fetch"),
+        entries,
         lambda entry: (entry["run"]["task"], f"`{entry['operator']}`", policy_of(entry)),
     )
+
+
+def of_smoothed() -> Iterator[str]:
+    """The same network with its chunks as they are, and with their moving mean."""
+    found: dict[str, dict[int, str]] = {}
+    for entry in read("smoothed"):
+        found.setdefault(entry["name"], {})[entry["window"]] = shown(entry["successes"], entry["episodes"])
+    windows = sorted({window for each in found.values() for window in each})
+    yield f"| person | {' | '.join(f'mean over {w} steps' if w > 1 else 'as predicted' for w in windows)} |"
+    yield "|" + "---|" * (len(windows) + 1)
+    for name, successes in sorted(found.items()):
+        yield f"| `{name}` | {' | '.join(successes[window] for window in windows)} |"
 
 
 def pushed() -> Iterator[str]:
@@ -153,6 +194,8 @@ def with_tables(text: str) -> str:
     tables = {
         "operators": by_operator(),
         "everybody": of_everybody(),
+        "spacing": by_spacing(),
+        "smoothed": of_smoothed(),
         "intervals": by_interval(),
         "pushed": pushed(),
         "fetch": on_fetch(),

@@ -29,6 +29,7 @@ class Demonstrations:
         episode: index of the episode of each action.
         stats: the dataset's statistics.
         fps: control steps per second.
+        features: all of the dataset's.
     """
 
     folder: Path
@@ -37,6 +38,7 @@ class Demonstrations:
     episode: Int64[np.ndarray, " F"]
     stats: dict[str, Any]
     fps: float
+    features: dict[str, Any]
 
 
 def is_dataset(folder: str | Path) -> bool:
@@ -81,7 +83,13 @@ def read_demonstrations(folder: Path) -> Demonstrations:
         raise DatasetError(f"the actions of the dataset at {folder} cannot be read: {error!r}") from error
     names = dimension_names(feature)
     return Demonstrations(
-        folder, names, torch.from_numpy(actions), episode.astype(np.int64), meta.stats or {}, float(meta.fps)
+        folder,
+        names,
+        torch.from_numpy(actions),
+        episode.astype(np.int64),
+        meta.stats or {},
+        float(meta.fps),
+        meta.features,
     )
 
 

@@ -43,7 +43,7 @@ class ChunkedConfig(DatasetReading, ExecutionFields, GivenSettings, ChecksPush):
         replan_s: time from one chunk to the next [s], in place of ``replan_interval``.
         chunk_stride: control steps between two predicted actions; what lies between is interpolated, so that
             a chunk of few actions covers seconds. Where neither it nor the chunk's length is given, training
-            with ``preset=base`` lays predictions a tenth of a second apart.
+            with ``preset=base`` lays predictions a tenth of a second apart, if actions are positions.
         n_action_steps: how many of a chunk's first actions may be executed [control steps]; by default all.
         normalization_mapping: how each type of feature is normalised; types not named keep the default.
         norm_std_floor: least spread that normalisation divides by, in raw units (0 = none).

@@ -32,22 +32,33 @@ def _accept(config: ChunkedConfig) -> None:
 def fit_to_dataset(
     config: ChunkedConfig, meta: Any, check: Callable[[ChunkedConfig], object] = _accept
 ) -> None:
-    """Let the length and the execution of chunks follow from the dataset, as far as nobody chose them.
+    """Let a chunk's length, spacing and execution follow from the dataset, as far as nobody chose them.
 
     Args:
         config: of a policy that is trained from the beginning; changed in place.
         meta: LeRobot's metadata of the dataset.
         check: raises a `ConfigurationError` for a configuration whose chunks are of no use.
     """
-    if config.given("preset") != "paper":
-        fit_chunk(config, meta.fps, meta.episodes["length"], check)
-        fit_execution(config, meta)
+    if config.given("preset") == "paper":
+        return
+    changes = _changes_are_asked_for(config, meta)
+    fit_chunk(config, meta.fps, meta.episodes["length"], spaced=not changes, check=check)
+    if changes:
+        follow_the_newest(config)
+
+
+def _changes_are_asked_for(config: ChunkedConfig, meta: Any) -> bool:
+    inputs = config.input_features or {}
+    states = [key for key, each in inputs.items() if each.type in STATES and key in meta.features]
+    return bool(states) and dataset_asks_for_changes(Path(meta.root), meta.features, states)
 
 
 def fit_chunk(
     config: ChunkedConfig,
     fps: float,
     episode_lengths: Sequence[int],
+    *,
+    spaced: bool = True,
     check: Callable[[ChunkedConfig], object] = _accept,
 ) -> None:
     """Lay predictions a tenth of a second apart, over the time of the preset's chunk or half an episode.
@@ -60,13 +71,14 @@ def fit_chunk(
         config: changed in place.
         fps: of the dataset.
         episode_lengths: of all of its episodes [control steps].
+        spaced: whether predictions may lie apart.
         check: as `fit_to_dataset` takes it.
     """
     name = config.length_name
     if any(config.given(each) is not None for each in (name, "horizon_s")) or config.chunk_stride != 1:
         return
     usual = getattr(config, name)
-    spaced = config.given("chunk_stride") is None and config.given("preset") in config.spaced_presets
+    spaced &= config.given("chunk_stride") is None and config.given("preset") in config.spaced_presets
     for stride in dict.fromkeys((spaced_stride(fps) if spaced else 1, 1)):
         length = fitting_length(usual, stride, fps, episode_lengths)
         chosen = {name: length, "chunk_stride": stride}
@@ -125,21 +137,16 @@ def _is_usable(
     return steps[0] == loaded[0] and set(steps) <= set(loaded)
 
 
-def fit_execution(config: ChunkedConfig, meta: Any) -> None:
-    """Follow the newest chunk alone where actions are changes of the state.
+def follow_the_newest(config: ChunkedConfig) -> None:
+    """Follow the newest chunk alone, because actions are changes of the state; not if a mode was given.
 
     Positions of two plans may be blended: each of them leads to where its plan goes. Changes must not: what
     an older plan asks for was computed for another state, and its errors add up.
 
     Args:
         config: changed in place.
-        meta: LeRobot's metadata of the dataset.
     """
     if any(config.given(name) for name in EXECUTION) or config.n_action_steps == 1:
-        return
-    inputs = config.input_features or {}
-    states = [key for key, each in inputs.items() if each.type in STATES and key in meta.features]
-    if not states or not dataset_asks_for_changes(Path(meta.root), meta.features, states):
         return
     usual = config.execution
     try:

@@ -67,6 +67,13 @@ def test_a_prediction_for_every_step_that_was_asked_for_lasts_as_long(kind, fps,
     assert (getattr(config, LENGTHS[kind]), config.chunk_stride) == (length, 1)
 
 
+@every_type
+def test_of_changes_every_step_is_predicted(kind, tmp_path):
+    config = config_of(kind)
+    made(config, meta_of(tmp_path, changes=True, fps=25, lengths=(50, 50)))
+    assert (getattr(config, LENGTHS[kind]), config.chunk_stride) == (25, 1)
+
+
 def test_a_block_of_predictions_lasts_as_long_at_any_spacing(tmp_path):
     act = config_of("act_chunked")
     diffusion = config_of("diffusion_chunked", actions_per_token=None)
@@ -229,5 +236,5 @@ def test_the_line_names_what_happens(tmp_path, caplog):
     with caplog.at_level(logging.WARNING):
         made(config_of("act_chunked"), meta_of(tmp_path, fps=25, lengths=(50, 50), changes=True))
     first, second = said(caplog)
-    assert re.match(r"chunk_size=12 and chunk_stride=2: predictions 0.08 s apart over 0.92 s", first)
+    assert re.match(r"chunk_size=25 and chunk_stride=1: predictions 0.04 s apart over 1 s", first)
     assert second.startswith("execution=receding, because the dataset's actions are changes of the state")

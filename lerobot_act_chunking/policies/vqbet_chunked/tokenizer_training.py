@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 import torch
 from lerobot.configs import NormalizationMode
+from lerobot.utils.constants import OBS_PREFIX
 
-from lerobot_act_chunking.data.actions import read_demonstrations
+from lerobot_act_chunking.data.action_kind import dataset_asks_for_changes
+from lerobot_act_chunking.data.actions import Demonstrations, read_demonstrations
 from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.durable_files import write_atomically
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
@@ -92,11 +94,7 @@ def plan_training(
         raise unknown_choice("normalization", mode, modes)
     demonstrations = read_demonstrations(dataset)
     if preset in VqbetChunkedConfig.spaced_presets and not {"chunk_size", "chunk_stride"} & fields.keys():
-        fps, (_, lengths) = demonstrations.fps, np.unique(demonstrations.episode, return_counts=True)
-        values["chunk_stride"] = spaced_stride(fps)
-        values["chunk_size"] = fitting_length(
-            values["chunk_size"], values["chunk_stride"], fps, lengths.tolist()
-        )
+        values |= _fitting_chunk(demonstrations, values["chunk_size"])
     sizes = {"chunk_size": values["chunk_size"], "action_dim": len(demonstrations.names)}
     spec = TokenizerSpec.from_fields(SimpleNamespace(**values), **sizes)
     check_tokenizer(spec)
@@ -126,6 +124,15 @@ def plan_training(
         training=training,
     )
     return info, chunks
+
+
+def _fitting_chunk(demonstrations: Demonstrations, usual: int) -> dict[str, int]:
+    """Length and spacing of the chunks that a policy would have that is trained on the same data."""
+    folder, fps, features = demonstrations.folder, demonstrations.fps, demonstrations.features
+    states = [key for key, each in features.items() if key.startswith(OBS_PREFIX) and len(each["shape"]) == 1]
+    stride = 1 if dataset_asks_for_changes(folder, features, states) else spaced_stride(fps)
+    _, lengths = np.unique(demonstrations.episode, return_counts=True)
+    return {"chunk_size": fitting_length(usual, stride, fps, lengths.tolist()), "chunk_stride": stride}
 
 
 def train_tokenizer(
