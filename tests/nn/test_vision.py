@@ -3,6 +3,7 @@ import sys
 
 import pytest
 import torch
+from tiers import full_tier
 from torch import nn
 from torchvision.ops.misc import FrozenBatchNorm2d
 
@@ -21,7 +22,7 @@ from lerobot_act_chunking.nn.vision.torchvision_models import VitBody
         ("resnet18", 32),
         ("convnext_tiny", 32),
         ("vit_b_16", 16),
-        ("efficientnet_lite0", 32),
+        pytest.param("efficientnet_lite0", 32, marks=full_tier),
         ("timm:resnet10t", 32),
         ("timm:vit_tiny_patch16_224", 16),
     ],

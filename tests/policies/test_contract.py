@@ -20,7 +20,7 @@ def case_id(case):
     return f"{case.type}-{case.name}"
 
 
-@pytest.fixture(params=some(14, ALL, by=lambda case: case.type), ids=case_id)
+@pytest.fixture(params=some(10, ALL, by=lambda case: case.type), ids=case_id)
 def case(request):
     return request.param
 

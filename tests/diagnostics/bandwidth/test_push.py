@@ -8,6 +8,7 @@ import torch
 from lerobot.configs import FeatureType, PolicyFeature, PreTrainedConfig
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from policy_cases import MODULES
+from tiers import full_tier
 
 from lerobot_act_chunking.diagnostics.bandwidth import push as push_module
 from lerobot_act_chunking.diagnostics.bandwidth.measuring import measure
@@ -99,6 +100,7 @@ def test_a_policy_answers_as_the_formula_says(type_, own, tmp_path):
     assert ensemble.successes == ensemble.undisturbed_successes == 0
 
 
+@full_tier
 @pytest.mark.usefixtures("short_episodes")
 def test_is_reproducible_reported_and_drawn(tmp_path):
     path = checkpoint(tmp_path / "checkpoint")

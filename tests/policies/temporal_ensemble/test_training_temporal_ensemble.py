@@ -9,7 +9,7 @@ import pytest
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.scripts import lerobot_train
 from safetensors.torch import load_file
-from tiers import some
+from tiers import full_tier
 from wrapped_cases import ACT, DIFFUSION
 
 from lerobot_act_chunking.policies.loading import load_policy
@@ -76,7 +76,8 @@ def test_from_scratch_resumed_is_the_undisturbed_run(train, tmp_path):
     loaded.policy.select_action(loaded.preprocessor(ACT.batch()))
 
 
-@pytest.mark.parametrize("case", some(1, [ACT, DIFFUSION]), ids=lambda case: case.type)
+@full_tier
+@pytest.mark.parametrize("case", [ACT, DIFFUSION], ids=lambda case: case.type)
 def test_an_inner_checkpoint_is_continued_and_no_longer_needed(case, train, tmp_path):
     inner = case.checkpoint(tmp_path / "inner")
     start = {f"inner.{name}": value for name, value in weights(inner).items()}
