@@ -27,6 +27,7 @@ DEFAULTS = ("as it comes", "crossfade 25 over 50")
 NAMES = {
     "act_chunked_history_1500": "`act_chunked`, every step, two observations",
     "act_small_4000": "`act_chunked`, every step, the quickstart's sizes",
+    "act_vae_1500": "`act_chunked`, a sampled style",
     "act_12x2_1500": "`act_chunked`, every second step",
     "vqbet_50_1500": "`vqbet_chunked`, every step, for one second",
 }
@@ -179,7 +180,7 @@ def of_smoothed() -> Iterator[str]:
     yield f"| person | {' | '.join(f'mean over {w} steps' if w > 1 else 'as predicted' for w in windows)} |"
     yield "|" + "---|" * (len(windows) + 1)
     for name, successes in sorted(found.items()):
-        yield f"| `{name}` | {' | '.join(successes[window] for window in windows)} |"
+        yield f"| `{name}` | {' | '.join(successes.get(window, '-') for window in windows)} |"
 
 
 def pushed() -> Iterator[str]:

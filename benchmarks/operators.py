@@ -30,6 +30,7 @@ PEOPLE = tuple(name for name, habits in OPERATORS.items() if not habits.stepwise
 """Who is everybody: all who do the tasks in the same way."""
 CPU = {"device": "cpu", "push_to_hub": False}
 HISTORY = {"n_obs_steps": 2, "obs_stride": 25, "history_dropout": 0.3}
+STYLE = {"use_vae": True, "latent_dim": 16, "kl_weight": 0.01, "free_bits": 0.05, "z_inference": "sample"}
 EVERY_STEP: dict[str, dict[str, Any]] = {
     "act_chunked": {"chunk_size": 100},
     "diffusion_chunked": {"horizon": 100},
@@ -46,14 +47,15 @@ VARIANTS = {
         {"type": "act_chunked", "chunk_size": 100, **HISTORY, **CPU}, 1500, 64
     ),
     "act_small_4000": Variant(RECIPE["policy"], 4000, 64),
+    "act_vae_1500": Variant({"type": "act_chunked", **STYLE, **CPU}, 1500, 64),
     "act_12x2_1500": Variant(
         {"type": "act_chunked", "chunk_size": 12, "chunk_stride": 2, "actions_per_query": 4, **CPU}, 1500, 64
     ),
     "vqbet_50_1500": Variant({"type": "vqbet_chunked", "chunk_size": 50, **CPU}, 1500, 64),
 }
 """Policies by type and training steps, as they come and with a prediction for every step; one that sees what
-was half a second ago; the quickstart's sizes; a prediction for every second step, as 0.08 s are on Fetch; and
-VQ-BeT over half as long chunks."""
+was half a second ago; the quickstart's sizes; one with a sampled style; a prediction for every second step,
+as 0.08 s are on Fetch; and VQ-BeT over half as long chunks."""
 EXECUTIONS: dict[str, dict[str, Any]] = {
     "as it comes": {},
     "crossfade 25 over 50": {"execution": "crossfade", "replan_interval": 25, "crossfade_steps": 50},
