@@ -1,7 +1,7 @@
 """Defaults that follow from the dataset: a chunk's length and spacing, and how chunks are executed.
 
-Both say in one line what they chose and how to keep the preset's. Neither touches what was given, a policy
-that goes on from a checkpoint, or ``preset=paper``, whose settings are LeRobot's.
+Each choice is said in one line, with how to keep the preset's. None touches what was given, a policy that
+goes on from a checkpoint, or ``preset=paper``, whose settings are LeRobot's.
 """
 
 import logging
@@ -92,16 +92,15 @@ def fit_chunk(
     logger.warning(
         "%s=%d and chunk_stride=%d: predictions %.2g s apart over %.2g s, for %g fps and episodes of %g "
         "steps (--policy.%s=%d keeps the preset's)",
-        *(
-            name,
-            length,
-            stride,
-            stride / fps,
-            config.timing.control_steps / fps,
-            fps,
-            median(episode_lengths),
-        ),
-        *(name, usual),
+        name,
+        length,
+        stride,
+        stride / fps,
+        config.timing.control_steps / fps,
+        fps,
+        median(episode_lengths),
+        name,
+        usual,
     )
 
 
