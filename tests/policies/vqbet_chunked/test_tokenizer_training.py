@@ -271,7 +271,9 @@ def test_presets_fill_in_what_is_not_given(dataset):
     ],
     ids=str,
 )
-def test_chunks_are_those_of_a_policy_trained_on_the_same_data(dataset, preset, given, expected):
+def test_chunks_that_nobody_described_are_those_of_a_policy_trained_on_the_same_data(
+    dataset, preset, given, expected
+):
     training = TokenizerTraining(steps=6, batch_size=10)
     info, _ = plan_training(dataset, preset, given, training)
     assert (info.spec.chunk_size, info.chunk_stride) == expected
