@@ -2,8 +2,9 @@
 
     OMP_NUM_THREADS=1 python benchmarks/smoothed.py hesitant outputs/.../pretrained_model
 
-Every chunk of the checkpoint, an `act_chunked` policy of insertion that predicts every step, is replaced by
-its moving mean; execution is as it comes. Adds to benchmarks/results/smoothed.json, under the given name.
+Every chunk of the checkpoint, a policy of insertion that predicts every step, is replaced by its moving mean
+(``smoothing_steps``); execution is otherwise as it comes. Adds to benchmarks/results/smoothed.json, under the
+given name.
 """
 
 import argparse
@@ -14,8 +15,6 @@ from typing import Any
 
 from execution_study import FIRST_SEED
 from rich.console import Console
-from torch import Tensor
-from torch.nn import functional
 
 from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate
 
@@ -24,22 +23,13 @@ WINDOWS = (1, 5, 11)
 """Control steps that are averaged; 1 changes nothing."""
 
 
-def smoothed(chunks: Tensor, window: int) -> Tensor:
-    """The moving mean (B, T, A) of chunks, whose ends are continued by their last values."""
-    half = window // 2
-    padded = functional.pad(chunks.transpose(1, 2), (half, half), mode="replicate")
-    return functional.avg_pool1d(padded, window, stride=1).transpose(1, 2)
-
-
 def successes(loaded: Any, window: int, episodes: int) -> int:
     """How many episodes succeed with chunks that are averaged over so many control steps."""
     from lerobot_act_chunking.diagnostics.core.environments import environment_for
     from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
 
-    policy = loaded.policy
-    plain = type(policy)._control_steps
-    policy._control_steps = lambda predictions, n_steps: smoothed(plain(policy, predictions, n_steps), window)
-    env_config = environment_for(policy.config, task=TASK, success="touch")
+    loaded.policy.config.smoothing_steps = window
+    env_config = environment_for(loaded.policy.config, task=TASK, success="touch")
     seeds = range(FIRST_SEED, FIRST_SEED + episodes)
     return sum(each.success for each in roll_out(loaded, env_config, seeds, n_envs=N_ENVS, log_chunks=False))
 

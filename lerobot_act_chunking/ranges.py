@@ -80,6 +80,7 @@ RANGES: dict[str, Range] = {
         "which LeRobot takes a negative one",
     ),
     "crossfade_steps": Range(1, 10**5),
+    "smoothing_steps": Range(1, 10**5),
     "adaptive_scale": Range(0, 10**6, above=True),
     "n_samples": Range(2, 1000),
     "gripper_dims": Range(0, 10**5),

@@ -43,8 +43,12 @@ def wrap_command(
     ] = None,
     adaptive_scale: Annotated[float | None, typer.Option(help="Adaptive: scale of the kernel.")] = None,
     n_samples: Annotated[int | None, typer.Option(help="Coherence: chunks to choose from.")] = None,
+    smoothing_steps: Annotated[
+        int | None,
+        typer.Option(help="Moving mean over each chunk \\[control steps], an odd number. \\[default: none]"),
+    ] = None,
     gripper_dims: Annotated[
-        str, typer.Option(help="Action dimensions that are never averaged or blended, as in 6,13.")
+        str, typer.Option(help="Action dimensions that are never averaged, blended or smoothed, as in 6,13.")
     ] = "",
 ) -> None:
     """Wrap a checkpoint of any policy type so that its chunks are executed in another way.
@@ -64,6 +68,7 @@ def wrap_command(
         adaptive_kernel=adaptive_kernel,
         adaptive_scale=adaptive_scale,
         n_samples=n_samples,
+        smoothing_steps=smoothing_steps,
         gripper_dims=_dimensions(gripper_dims),
     )
 

@@ -92,7 +92,7 @@ class AdaptiveEnsemble(NewestChunk):
             self._allocate(chunk)
         device = self._plan.device
         rows = torch.arange(len(chunk), device=device) if envs is None else envs.to(device)
-        chunk = self._used(chunk)
+        chunk = chunk.to(self._plan.dtype)
         blend = chunk.clone()
         blend[:, delay:] = self._agreed(chunk[:, delay:], rows, delay)
         super().add(blend, envs, delay)

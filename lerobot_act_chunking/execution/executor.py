@@ -11,6 +11,7 @@ from torch import Tensor
 from lerobot_act_chunking.execution.adaptive import AdaptiveEnsemble
 from lerobot_act_chunking.execution.coherence import most_coherent
 from lerobot_act_chunking.execution.settings import ExecutionSettings
+from lerobot_act_chunking.execution.smoothing import moving_mean
 from lerobot_act_chunking.execution.timeline import (
     CrossFade,
     Environments,
@@ -141,7 +142,9 @@ class ChunkExecutor:
             chunk = most_coherent(chunk, plan, covered) if plan.numel() else chunk[0]
         if not len(self._due_at):
             self._start(len(chunk))
-        self._timeline.add(chunk, envs, delay)
+        used = chunk[:, : self.settings.n_action_steps]
+        smooth = moving_mean(used, self.settings.smoothing_steps, self.settings.gripper_dims)
+        self._timeline.add(smooth, envs, delay)
         self._schedule(envs, self._step + self.settings.replan_interval)
         if self.on_chunk is not None:
             self.on_chunk(ChunkEvent(self._step, envs, chunk))

@@ -107,7 +107,7 @@ class Timeline(ABC):
         """
         if not self._plan.numel():
             self._allocate(chunk)
-        chunk, window = self._used(chunk), self._window
+        chunk, window = chunk.to(self._plan.dtype), self._window
         if envs is None:
             self._plan[:, window].lerp_(chunk, self._gains_for_all(delay))
             self._covered_until = self._step + self.n_action_steps
@@ -156,12 +156,6 @@ class Timeline(ABC):
         if self._held_dims:
             spread[:, delay:, self._held_dims] = 1
         return torch.from_numpy(spread).to(self._plan.device)
-
-    def _used(self, chunk: Tensor) -> Tensor:
-        """The part that may be executed, in the precision that is averaged in."""
-        if chunk.shape[1] > self.n_action_steps:
-            chunk = chunk[:, : self.n_action_steps]
-        return chunk if chunk.dtype == self._plan.dtype else chunk.to(self._plan.dtype)
 
     def _allocate(self, chunk: Tensor) -> None:
         B, _, A = chunk.shape

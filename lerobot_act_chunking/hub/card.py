@@ -99,6 +99,8 @@ def _execution(config: ChunkSettings, fps: float | None) -> str:
             f"- `ensemble_weighting={settings.ensemble_weighting}`, "
             f"`temporal_ensemble_coeff={settings.temporal_ensemble_coeff:g}` per step"
         )
+    if settings.smoothing_steps > 1:
+        lines.append(f"- each chunk is smoothed: the mean over {settings.smoothing_steps} steps is executed")
     if settings.latency_steps:
         lines.append(f"- chunks are used {settings.latency_steps} steps after their observation")
     return "\n".join(lines)

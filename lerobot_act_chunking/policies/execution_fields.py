@@ -26,6 +26,7 @@ class ExecutionFields:
     adaptive_kernel: Kernel | None = None
     adaptive_scale: float | None = None
     n_samples: int | None = None
+    smoothing_steps: int | None = None
     gripper_dims: list[int] = field(default_factory=list)
 
     def resolve_execution(

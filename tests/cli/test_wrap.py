@@ -62,7 +62,9 @@ def wrap(*arguments):
 def test_it_writes_a_checkpoint_with_other_execution(checkpoint, tmp_path):
     out = tmp_path / "runs" / "wrapped"
     options = "--execution adaptive --replan-interval 3 --n-action-steps 8 --coeff 0.1 --weighting recency"
-    more = "--latency-steps 1 --adaptive-kernel cosine --adaptive-scale 2 --gripper-dims 1,3"
+    more = (
+        "--latency-steps 1 --adaptive-kernel cosine --adaptive-scale 2 --gripper-dims 1,3 --smoothing-steps 3"
+    )
     result = wrap(checkpoint, "--out", out, *options.split(), *more.split())
     assert "act, chunks of 9 control steps; execution=adaptive, a new chunk every 3 steps" in result.output
     assert f"lerobot-eval --policy.path={out} --env.type=" in result.output
@@ -70,7 +72,7 @@ def test_it_writes_a_checkpoint_with_other_execution(checkpoint, tmp_path):
     assert (settings.execution, settings.replan_interval, settings.n_action_steps) == ("adaptive", 3, 8)
     assert (settings.temporal_ensemble_coeff, settings.ensemble_weighting) == (0.1, "recency")
     assert (settings.latency_steps, settings.adaptive_kernel, settings.adaptive_scale) == (1, "cosine", 2)
-    assert settings.gripper_dims == (1, 3)
+    assert (settings.gripper_dims, settings.smoothing_steps) == ((1, 3), 3)
     assert [path.name for path in out.parent.iterdir()] == ["wrapped"]
 
 

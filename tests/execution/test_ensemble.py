@@ -83,7 +83,9 @@ def test_any_rhythm_and_latency_with_steps_that_nothing_covers(growth, used, pla
         if envs:
             late = min(usable - step, used)
             rows = torch.tensor(envs)
-            timeline.add(stream.chunks[step, rows], None if len(envs) == B and step == 0 else rows, late)
+            timeline.add(
+                stream.chunks[step, rows, :used], None if len(envs) == B and step == 0 else rows, late
+            )
             for env in envs:
                 votes[env].add(step, stream.chunks[step, env], late)
         expected = torch.stack([vote.action(step) for vote in votes])
@@ -109,7 +111,7 @@ def test_a_steady_rhythm_may_change_at_any_moment(growth, used, stretches):
             step += 1
         usable = max(usable, step + delay)
         late = min(usable - step, used)
-        timeline.add(chunk, None, late)
+        timeline.add(chunk[:, :used], None, late)
         vote.add(step, chunk[0], late)
     torch.testing.assert_close(timeline.pop()[0], vote.action(step), rtol=0, atol=1e-12)
 

@@ -33,7 +33,7 @@ def settings(execution="open_loop", chunk_size=10, **fields):
         ("adaptive", {}, {"adaptive_kernel": "gate", "adaptive_scale": 3.0, "temporal_ensemble_coeff": 0.01}),
         ("adaptive", {"adaptive_kernel": "cosine"}, {"adaptive_scale": 5.0}),
         ("adaptive", {"adaptive_kernel": "gaussian"}, {"adaptive_scale": 1.5}),
-        ("coherence", {}, {"n_samples": 8}),
+        ("coherence", {}, {"n_samples": 8, "smoothing_steps": 1}),
         ("receding", {}, {"temporal_ensemble_coeff": None, "crossfade_steps": None, "n_samples": None}),
     ],
 )
@@ -135,6 +135,13 @@ def test_by_default_replanning_leaves_an_overlap(execution, chunk_size, latency)
             "adaptive_scale=nan must be a positive number",
         ),
         ({"execution": "coherence", "n_samples": 1}, "n_samples=1 leaves nothing to choose from: at least 2"),
+        (
+            {"smoothing_steps": 4},
+            "smoothing_steps=4 must be odd: a mean over an even number of steps would shift the motion by "
+            "half a step: set smoothing_steps=3 or smoothing_steps=5",
+        ),
+        ({"smoothing_steps": 0}, "smoothing_steps=0 must be at least 1"),
+        ({"smoothing_steps": 11}, "smoothing_steps=11 exceeds the 10 control steps of a chunk"),
         ({"gripper_dims": (-1, 2)}, "gripper_dims=[-1, 2] must be distinct indices from 0 on"),
         ({"gripper_dims": (2, 2)}, "gripper_dims=[2, 2] must be distinct indices from 0 on"),
     ],

@@ -62,11 +62,12 @@ def execute(settings: ExecutionSettings, innovations: Innovations, n_steps: int)
     """Commands minus plan, (n_steps, A), of a policy whose chunk from step s is the plan plus a constant.
 
     Args:
-        settings: how chunks are executed. Grippers, which follow the newest chunk, are left out.
+        settings: how chunks are executed. Grippers, which follow the newest chunk, are left out, and so is
+            smoothing within a chunk, which acts on the plan alone.
         innovations: the constants.
         n_steps: length of the rollout.
     """
-    settings = replace(settings, gripper_dims=())
+    settings = replace(settings, gripper_dims=(), smoothing_steps=1)
     executor = ChunkExecutor(settings)
     steps = np.arange(n_steps + settings.chunk_size)
     plan = np.sin(0.7 * steps) + 0.01 * steps  # fast and drifting: any delay would show

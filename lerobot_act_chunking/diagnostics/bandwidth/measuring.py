@@ -7,13 +7,15 @@ import numpy as np
 
 from lerobot_act_chunking.diagnostics.bandwidth.advice import recommend
 from lerobot_act_chunking.diagnostics.bandwidth.agreement import check_agreement
-from lerobot_act_chunking.diagnostics.bandwidth.closed_form import closed_form, filter_for, sweep
+from lerobot_act_chunking.diagnostics.bandwidth.closed_form import closed_form, filter_for, in_hertz, sweep
+from lerobot_act_chunking.diagnostics.bandwidth.filter import InnovationFilter
 from lerobot_act_chunking.diagnostics.bandwidth.nonlinear import measure_steps
 from lerobot_act_chunking.diagnostics.bandwidth.report import AtDisturbance, BandwidthReport
 from lerobot_act_chunking.diagnostics.bandwidth.settings import Limits
 from lerobot_act_chunking.diagnostics.bandwidth.source import Source
 from lerobot_act_chunking.diagnostics.bandwidth.verdict import judge, judge_steps
 from lerobot_act_chunking.diagnostics.core.training import untrained
+from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.number_checks import check_positive
 
 if TYPE_CHECKING:
@@ -43,6 +45,10 @@ UNKNOWN_RATE = (
 )
 OTHER_RATE = (
     "The policy was trained at {trained:g} control steps a second; figures in Hz and s are for {fps:g}."
+)
+SMOOTHED = (
+    "Within each chunk the mean over {steps} steps damps the plan itself, without delay: half of its power "
+    "is gone at {hz:.2g} Hz. Corrections arrive as fast as without it."
 )
 GRIPPERS = "Dimensions {dims} (grippers) follow the newest chunk alone and are not part of these figures."
 
@@ -117,6 +123,15 @@ def _notes(source: Source, fps: float) -> list[str]:
         notes.insert(0, UNKNOWN_RATE.format(fps=fps))
     elif source.fps is not None and source.fps != fps:
         notes.insert(0, OTHER_RATE.format(trained=source.fps, fps=fps))
+    if settings.smoothing_steps > 1:
+        notes.append(SMOOTHED.format(steps=settings.smoothing_steps, hz=_half_power_hz(settings, fps)))
     if settings.gripper_dims:
         notes.append(GRIPPERS.format(dims=list(settings.gripper_dims)))
     return notes
+
+
+def _half_power_hz(settings: ExecutionSettings, fps: float) -> float | None:
+    """Frequency at which the moving mean within a chunk halves the power of the plan."""
+    steps = settings.smoothing_steps
+    mean = InnovationFilter(np.full(steps, 1 / steps), replan_interval=1, latency=0)
+    return in_hertz(mean.bandwidth, fps)

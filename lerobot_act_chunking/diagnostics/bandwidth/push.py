@@ -143,6 +143,7 @@ def executions(own: ExecutionSettings, requested: ExecutionSettings) -> list[Exe
         averaging.n_action_steps,
         averaging.replan_interval,
         averaging.latency_steps,
+        smoothing_steps=averaging.smoothing_steps,
         gripper_dims=averaging.gripper_dims,
     )
     return list(dict.fromkeys((own, newest, requested, averaging)))

@@ -11,7 +11,7 @@ from lerobot_act_chunking.policies.loading import read_config
 
 # ACT's own numbers, for when there is no checkpoint.
 _ACT = {"chunk_size": 100, "execution": "ensemble", "replan_interval": 1}
-_SURVIVE_ANOTHER_MODE = ("chunk_size", "n_action_steps", "latency_steps", "gripper_dims")
+_SURVIVE_ANOTHER_MODE = ("chunk_size", "n_action_steps", "latency_steps", "smoothing_steps", "gripper_dims")
 _ENSEMBLE_ONLY = ("temporal_ensemble_coeff", "ensemble_weighting")
 
 

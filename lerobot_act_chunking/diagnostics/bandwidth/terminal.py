@@ -35,6 +35,8 @@ def describe(settings: ExecutionSettings) -> str:
         parts.append(f"{settings.ensemble_weighting} weights, m={settings.temporal_ensemble_coeff:g}")
     if settings.execution == "crossfade":
         parts.append(f"fade over {settings.crossfade_steps}")
+    if settings.smoothing_steps > 1:
+        parts.append(f"mean over {settings.smoothing_steps}")
     if settings.latency_steps:
         parts.append(f"d={settings.latency_steps}")
     return ", ".join(parts)

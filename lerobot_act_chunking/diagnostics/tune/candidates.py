@@ -21,6 +21,7 @@ FIELDS = (
     "adaptive_kernel",
     "adaptive_scale",
     "n_samples",
+    "smoothing_steps",
 )
 """The fields of a configuration that are tuned; latency and grippers belong to the robot and stay."""
 STEPS = "num_inference_steps"
@@ -48,6 +49,8 @@ class Candidate:
         if settings.execution != "open_loop":
             words.append(f"R={settings.replan_interval}")
         words.append(f"n={settings.n_action_steps}")
+        if settings.smoothing_steps > 1:
+            words.append(f"smooth={settings.smoothing_steps}")
         if self.denoising_steps is not None:
             words.append(f"steps={self.denoising_steps}")
         return " ".join(words)
@@ -67,15 +70,16 @@ Make = Callable[[dict[str, Any]], Candidate]
 """Makes a candidate of changed fields; refuses, by ConfigurationError, what the policy cannot do."""
 
 
-def make_candidates(present: Candidate, make: Make) -> list[Candidate]:
+def make_candidates(present: Candidate, make: Make, smoothing: int = 1) -> list[Candidate]:
     """The present settings, then all others that the policy can be executed with, none of them twice.
 
     Args:
         present: how the policy is executed now.
         make: of the policy.
+        smoothing: ``smoothing_steps`` to try [control steps]; 1: none.
     """
     found = {(present.settings, present.denoising_steps): present}
-    for changes in _grid(present.settings.chunk_size, present.denoising_steps):
+    for changes in _grid(present.settings.chunk_size, present.denoising_steps, smoothing):
         try:
             candidate = make(changes)
         except ConfigurationError:
@@ -84,7 +88,7 @@ def make_candidates(present: Candidate, make: Make) -> list[Candidate]:
     return list(found.values())
 
 
-def _grid(chunk: int, steps: int | None) -> Iterator[dict[str, Any]]:
+def _grid(chunk: int, steps: int | None, smoothing: int) -> Iterator[dict[str, Any]]:
     """What is tried, coarse where neighbours do the same."""
     intervals = sorted({max(1, round(share * chunk)) for share in INTERVALS})
     half = max(1, chunk // 2)
@@ -97,6 +101,11 @@ def _grid(chunk: int, steps: int | None) -> Iterator[dict[str, Any]]:
         if interval < half:
             yield {**often, "execution": "ensemble", "ensemble_weighting": "recency"}
             yield {**often, "execution": "ensemble", "ensemble_weighting": "act", "n_action_steps": half}
+    if smoothing > 1:
+        smooth = {"n_action_steps": chunk, "smoothing_steps": smoothing}
+        yield {**smooth, "execution": "open_loop"}
+        for interval in intervals[1:3]:
+            yield {**smooth, "execution": "crossfade", "replan_interval": interval}
     if steps is None:
         return
     for other in FEWER_STEPS:

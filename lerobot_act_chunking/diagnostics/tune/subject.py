@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+from lerobot_act_chunking.diagnostics.core.training import read_training
 from lerobot_act_chunking.diagnostics.tune.candidates import FIELDS, STEPS, Candidate, make_candidates
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.json_files import read_json
@@ -15,6 +16,9 @@ from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ense
     TemporalEnsembleConfig,
 )
 from lerobot_act_chunking.policies.temporal_ensemble.wrapping import load_wrapped
+
+SMOOTHING_S = 0.1
+USUAL_FPS = 50
 
 
 @dataclass(frozen=True)
@@ -63,7 +67,24 @@ def read_subject(checkpoint: str) -> Subject:
         values = {**dict.fromkeys(names), **kept, **changes}
         return _candidate(_changed(config, values), values)
 
-    return Subject(checkpoint, config, wrapped, make_candidates(present, make))
+    candidates = make_candidates(
+        present, make, smoothing_to_try(config, read_training(checkpoint, config).fps)
+    )
+    return Subject(checkpoint, config, wrapped, candidates)
+
+
+def smoothing_to_try(config: Any, fps: float | None) -> int:
+    """The odd number of control steps within a tenth of a second; 1 if predictions lie apart already.
+
+    Args:
+        config: the policy's, or a wrapper's.
+        fps: control steps per second; None, not known, is taken as `USUAL_FPS`.
+    """
+    predicting = getattr(config, "inner_config", config)
+    if getattr(predicting, "chunk_stride", 1) > 1:
+        return 1
+    within = round(SMOOTHING_S * (fps or USUAL_FPS))
+    return max(1, within - 1 + within % 2)
 
 
 def execute(policy: LoadedPolicy, candidate: Candidate) -> None:

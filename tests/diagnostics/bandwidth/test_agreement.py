@@ -39,6 +39,7 @@ def ensemble(chunk_size, interval, weighting="act", coeff=0.01, latency=0, used=
         ExecutionSettings(20, n_action_steps=13),
         ExecutionSettings(20, "receding", replan_interval=6, latency_steps=2),
         ExecutionSettings(30, "crossfade", replan_interval=6, latency_steps=2, crossfade_steps=9),
+        ExecutionSettings(30, "crossfade", replan_interval=6, crossfade_steps=9, smoothing_steps=5),
     ],
     ids=describe,
 )

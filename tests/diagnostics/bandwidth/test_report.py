@@ -239,6 +239,14 @@ def test_card_with_phases_and_advice():
         assert text in card
 
 
+def test_what_smoothing_does_to_the_plan_is_said():
+    settings = ExecutionSettings(20, "receding", replan_interval=5, smoothing_steps=5)
+    report = measure(Source(settings), 50.0, Limits())
+    assert report.agreement.agrees
+    # |sin(5 w / 2) / (5 sin(w / 2))| = 2 ** -0.5 at w = 2 pi * 4.55 / 50
+    assert "half of its power is gone at 4.5 Hz" in card_of(report).replace("\n", " ")
+
+
 def test_grippers_are_mentioned():
     settings = ExecutionSettings(20, "ensemble", replan_interval=1, gripper_dims=(6, 13))
     assert "Dimensions [6, 13] (grippers)" in card_of(measure(Source(settings), 50.0, Limits()))

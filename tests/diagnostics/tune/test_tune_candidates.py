@@ -1,9 +1,11 @@
 """Which executions are tried, of which policies."""
 
+from types import SimpleNamespace
+
 import pytest
 from small_policies import make_policy, save
 
-from lerobot_act_chunking.diagnostics.tune.subject import digest, execute, read_subject
+from lerobot_act_chunking.diagnostics.tune.subject import digest, execute, read_subject, smoothing_to_try
 from lerobot_act_chunking.diagnostics.tune.writing import wrap_command
 
 
@@ -31,6 +33,22 @@ def test_the_present_settings_come_first_and_none_twice(own):
     }  # late: no open_loop
     assert {each.latency_steps for each in settings} == {1}
     assert len({each.key for each in subject.candidates}) == len(settings)
+
+
+@pytest.mark.parametrize(
+    ("stride", "fps", "steps"), [(1, 50, 5), (1, 30, 3), (1, 200, 19), (1, 10, 1), (1, None, 5), (5, 50, 1)]
+)
+def test_chunks_are_smoothed_over_a_tenth_of_a_second_where_every_step_is_predicted(stride, fps, steps):
+    assert smoothing_to_try(SimpleNamespace(chunk_stride=stride), fps) == steps
+    wrapper = SimpleNamespace(inner_config=SimpleNamespace(chunk_stride=stride))
+    assert smoothing_to_try(wrapper, fps) == steps
+
+
+def test_smoothed_and_unsmoothed_chunks_are_tried(own, theirs):
+    for checkpoint in (own, theirs):
+        candidates = read_subject(checkpoint).candidates
+        assert {each.settings.smoothing_steps for each in candidates} == {1, 5}
+        assert any(str(each).startswith("crossfade R=2 n=8 smooth=5") for each in candidates)
 
 
 def test_a_policy_acts_as_a_candidate(own):
