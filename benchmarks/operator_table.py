@@ -32,6 +32,14 @@ NAMES = {
     "vqbet_50_1500": "`vqbet_chunked`, every step, for one second",
 }
 
+LEROBOT_COLUMNS = (
+    "as it comes",
+    "ensemble 25",
+    "open loop, mean of 5",
+    "crossfade 25 over 50",
+    "crossfade 25 over 50, mean of 5",
+)
+
 FETCH_COLUMNS = (
     *(f"receding {interval}" for interval in (2, 4, 5, 6, 10, 12)),
     "open loop",
@@ -45,27 +53,33 @@ def shown(successes: int, episodes: int) -> str:
 
 
 def by_operator() -> Iterator[str]:
-    """What policies learn from one person each."""
+    """What policies of this package learn from one person each."""
     entries = [
         each
         for each in read("operators")
-        if each["operator"] != EVERYBODY and each["demonstrations"] == DEMONSTRATIONS
+        if each["operator"] != EVERYBODY
+        and each["demonstrations"] == DEMONSTRATIONS
+        and not each["run"]["variant"].startswith("lerobot")
     ]
     yield from table(
         ("task", "person", "policy", "training steps", "training seed"),
         COLUMNS,
-        entries,
+        default_named(entries),
         lambda entry: (entry["run"]["task"], f"`{entry['operator']}`", *training_of(entry)),
     )
 
 
 def of_everybody() -> Iterator[str]:
     """What policies learn from all people in one dataset."""
-    entries = [each for each in read("operators") if each["operator"] == EVERYBODY]
+    entries = [
+        each
+        for each in read("operators")
+        if each["operator"] == EVERYBODY and not each["run"]["variant"].startswith("lerobot")
+    ]
     yield from table(
         ("task", "demonstrations", "policy", "training steps", "training seed", "CPU minutes"),
         EVERYBODY_COLUMNS,
-        entries,
+        default_named(entries),
         lambda entry: (
             entry["run"]["task"],
             entry["demonstrations"],
@@ -73,6 +87,11 @@ def of_everybody() -> Iterator[str]:
             f"{entry['train']['cpu_minutes']:.1f}",
         ),
     )
+
+
+def default_named(entries: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The same evaluations, those of our default execution under that name."""
+    return [{**each, "execution": "default"} if each["execution"] in DEFAULTS else each for each in entries]
 
 
 def read(name: str) -> list[dict[str, Any]]:
@@ -86,6 +105,8 @@ def training_of(entry: dict[str, Any]) -> tuple[str, int, int]:
 
 def policy_of(entry: dict[str, Any]) -> str:
     variant = entry["run"]["variant"]
+    if variant.startswith("lerobot_act_"):
+        return f"LeRobot's `act`, rate {variant.removeprefix('lerobot_act_')}"
     kind, every_step, _ = variant.rpartition("_")[0].partition("_every_step")
     return NAMES.get(variant) or f"`{kind}`" + (", every step" if every_step else "")
 
@@ -107,7 +128,7 @@ def table(
     rows: dict[tuple[Any, ...], dict[str, Any]] = {}
     for entry in entries:
         row = rows.setdefault(row_of(entry), {})
-        row["default" if entry["execution"] in DEFAULTS else entry["execution"]] = entry
+        row[entry["execution"]] = entry
     yield f"| {' | '.join([*headings, *columns])} |"
     yield "|" + "---|" * len([*headings, *columns])
     for description, row in sorted(rows.items()):
@@ -137,6 +158,52 @@ def by_spacing() -> Iterator[str]:
     for row, both in sorted(rows.items()):
         if len(both) == 2:
             yield f"| {' | '.join(row)} | {both[True]} | {both[False]} |"
+
+
+def left_out() -> Iterator[str]:
+    """Each person with the spacing that does best on all others, and with the one that does best on it."""
+    spacings = {"act_chunked_every_step_1500": "every step", "act_chunked_1500": "every tenth of a second"}
+    found: dict[str, dict[str, int]] = {}
+    for entry in read("operators"):
+        run = entry["run"]
+        of = entry["demonstrations"], entry["episodes"], run["task"], run["seed"]
+        known = entry["execution"] in DEFAULTS and entry["operator"] != EVERYBODY
+        if known and of == (DEMONSTRATIONS, 200, "insertion", 0) and run["variant"] in spacings:
+            count = entry["episodes"] - len(entry["failed_seeds"])
+            found.setdefault(entry["operator"], {})[spacings[run["variant"]]] = count
+    people = {name: both for name, both in sorted(found.items()) if len(both) == len(spacings)}
+    yield "| person | chosen on all others | successes with it | with the person's own best | points lost |"
+    yield "|" + "---|" * 5
+    for name, both in people.items():
+        others = [each for other, each in people.items() if other != name]
+        chosen = max(spacings.values(), key=lambda spacing: sum(each[spacing] for each in others))
+        best = max(both.values())
+        yield f"| `{name}` | {chosen} | {both[chosen]} | {best} | {(best - both[chosen]) / 2:.1f} |"
+
+
+def of_lerobot() -> Iterator[str]:
+    """LeRobot's `act` and ours, learned from the same insertions."""
+    entries = [
+        each
+        for each in read("operators")
+        if each["run"]["task"] == "insertion" and each["demonstrations"] == DEMONSTRATIONS
+    ]
+    people = {each["operator"] for each in entries if each["run"]["variant"].startswith("lerobot")}
+    compared = ("lerobot", "act_chunked_1500", "act_chunked_4000")
+    yield from table(
+        ("person", "policy", "training steps", "training seed", "CPU minutes"),
+        LEROBOT_COLUMNS,
+        [
+            each
+            for each in entries
+            if each["operator"] in people and each["run"]["variant"].startswith(compared)
+        ],
+        lambda entry: (
+            f"`{entry['operator']}`",
+            *training_of(entry),
+            f"{entry['train']['cpu_minutes']:.1f}",
+        ),
+    )
 
 
 def by_interval() -> Iterator[str]:
@@ -190,6 +257,8 @@ def with_tables(text: str) -> str:
         "everybody": of_everybody(),
         "spacing": by_spacing(),
         "smoothed": of_smoothed(),
+        "left_out": left_out(),
+        "lerobot": of_lerobot(),
         "intervals": by_interval(),
         "pushed": pushed(),
         "fetch": on_fetch(),

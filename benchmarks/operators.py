@@ -36,6 +36,16 @@ EVERY_STEP: dict[str, dict[str, Any]] = {
     "diffusion_chunked": {"horizon": 100},
     "vqbet_chunked": {"chunk_size": 100},
 }
+LEROBOT = {
+    "type": "act",
+    "dim_model": 128,
+    "n_heads": 4,
+    "dim_feedforward": 512,
+    "use_vae": False,
+    "dropout": 0,
+    **CPU,
+}
+"""LeRobot's `act` at a size that it can train 2400 steps of in ten minutes; it predicts every step."""
 VARIANTS = {
     **{
         f"{kind}{name}_{steps}": Variant({"type": kind, **given, **CPU}, steps, 64)
@@ -51,11 +61,15 @@ VARIANTS = {
     "act_12x2_1500": Variant(
         {"type": "act_chunked", "chunk_size": 12, "chunk_stride": 2, "actions_per_query": 4, **CPU}, 1500, 64
     ),
+    **{
+        f"lerobot_act_{rate}": Variant({**LEROBOT, "optimizer_lr": rate}, 2400, 64, fast_reader=True)
+        for rate in ("1e-4", "3e-4", "1e-3")
+    },
     "vqbet_50_1500": Variant({"type": "vqbet_chunked", "chunk_size": 50, **CPU}, 1500, 64),
 }
 """Policies by type and training steps, as they come and with a prediction for every step; one that sees what
 was half a second ago; the quickstart's sizes; one with a sampled style; a prediction for every second step,
-as 0.08 s are on Fetch; and VQ-BeT over half as long chunks."""
+as 0.08 s are on Fetch; LeRobot's `act` by its learning rate; and VQ-BeT over half as long chunks."""
 EXECUTIONS: dict[str, dict[str, Any]] = {
     "as it comes": {},
     "crossfade 25 over 50": {"execution": "crossfade", "replan_interval": 25, "crossfade_steps": 50},
@@ -67,6 +81,13 @@ EXECUTIONS: dict[str, dict[str, Any]] = {
             "crossfade_steps": 50,
         }
         for interval in (5, 10, 15, 20)
+    },
+    **{
+        f"{name}, mean of 5": {**execution, "smoothing_steps": 5}
+        for name, execution in {
+            "crossfade 25 over 50": {"execution": "crossfade", "replan_interval": 25, "crossfade_steps": 50},
+            "open loop": {"execution": "open_loop", "replan_interval": None},
+        }.items()
     },
     "crossfade 6 over 12": {"execution": "crossfade", "replan_interval": 6, "crossfade_steps": 12},
     "ensemble 6": {"execution": "ensemble", "replan_interval": 6},

@@ -86,11 +86,8 @@ def evaluate(training: Training, asked: Run, episodes: int) -> Cell:
     import torch
 
     from lerobot_act_chunking.diagnostics.core.environments import environment_for
-    from lerobot_act_chunking.policies.loading import load_policy
 
-    loaded = load_policy(training.checkpoints / asked.checkpoint / "pretrained_model")
-    for name, value in asked.sampling.items():
-        setattr(loaded.policy.config, name, value)
+    loaded = load(training, asked)
     rule = "final" if asked.task in ROBOTICS_TASKS else "touch"
     env_config = environment_for(loaded.policy.config, task=asked.task, success=rule)
     milliseconds, calls = time_chunks(loaded, env_config)
@@ -109,6 +106,20 @@ def evaluate(training: Training, asked: Run, episodes: int) -> Cell:
         if len(succeeded) >= FEWEST_SUCCESSES
         else {},
     )
+
+
+def load(training: Training, asked: Run) -> Any:
+    """The policy with its settings of sampling; LeRobot's are executed otherwise through the wrapper."""
+    from lerobot_act_chunking.policies.loading import load_policy
+    from lerobot_act_chunking.policies.temporal_ensemble.wrapping import load_wrapped
+
+    path = training.checkpoints / asked.checkpoint / "pretrained_model"
+    if training.variant.is_lerobot and asked.sampling:
+        return load_wrapped(str(path), **asked.sampling)
+    loaded = load_policy(path)
+    for name, value in asked.sampling.items():
+        setattr(loaded.policy.config, name, value)
+    return loaded
 
 
 def act(loaded: Any, env_config: Any, seeds: Sequence[int]) -> "list[Rollout]":
@@ -152,6 +163,7 @@ def time_chunks(loaded: Any, env_config: Any) -> tuple[float, int]:
 
 def counted_part(policy: Any) -> "Module":
     """The part whose calls are counted, of the averaged network if that is the one that acts."""
+    policy = getattr(policy, "inner", policy)
     path = COUNTED[policy.name]
     averaged = getattr(policy, "ema", None) is not None
     return policy.get_submodule(path.replace("model.", "ema.network.") if averaged else path)
