@@ -27,6 +27,9 @@ DEFAULTS = ("as it comes", "crossfade 25 over 50")
 NAMES = {
     "act_chunked_history_1500": "`act_chunked`, every step, two observations",
     "act_small_4000": "`act_chunked`, every step, the quickstart's sizes",
+    "act_small_spaced_4000": "`act_chunked`, the quickstart's sizes",
+    "diffusion_recipe": "`diffusion_chunked`, configs/diffusion.yaml",
+    "vqbet_recipe": "`vqbet_chunked`, configs/vqbet.yaml",
     "act_vae_1500": "`act_chunked`, a sampled style",
     "act_12x2_1500": "`act_chunked`, every second step",
     "vqbet_50_1500": "`vqbet_chunked`, every step, for one second",

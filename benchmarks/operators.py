@@ -17,7 +17,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from act_variants import RECIPE
+import yaml
 from policy_study import Cell, Run, Study, row
 from policy_training import Variant, usual_episodes
 from rich.console import Console
@@ -46,6 +46,16 @@ LEROBOT = {
     **CPU,
 }
 """LeRobot's `act` at a size that it can train 2400 steps of in ten minutes; it predicts every step."""
+
+
+def recipe(name: str, *without: str) -> Variant:
+    """What a file in configs/ trains, without these settings."""
+    path = Path(__file__).parents[1] / "configs" / f"{name}.yaml"
+    content = yaml.safe_load(path.read_text())
+    policy = {key: value for key, value in content["policy"].items() if key not in without}
+    return Variant(policy, content["steps"], content["batch_size"])
+
+
 VARIANTS = {
     **{
         f"{kind}{name}_{steps}": Variant({"type": kind, **given, **CPU}, steps, 64)
@@ -56,7 +66,10 @@ VARIANTS = {
     "act_chunked_history_1500": Variant(
         {"type": "act_chunked", "chunk_size": 100, **HISTORY, **CPU}, 1500, 64
     ),
-    "act_small_4000": Variant(RECIPE["policy"], 4000, 64),
+    "act_small_4000": recipe("quickstart"),
+    "act_small_spaced_4000": recipe("quickstart", "chunk_size", "actions_per_query"),
+    "diffusion_recipe": recipe("diffusion"),
+    "vqbet_recipe": recipe("vqbet"),
     "act_vae_1500": Variant({"type": "act_chunked", **STYLE, **CPU}, 1500, 64),
     "act_12x2_1500": Variant(
         {"type": "act_chunked", "chunk_size": 12, "chunk_stride": 2, "actions_per_query": 4, **CPU}, 1500, 64
@@ -67,9 +80,8 @@ VARIANTS = {
     },
     "vqbet_50_1500": Variant({"type": "vqbet_chunked", "chunk_size": 50, **CPU}, 1500, 64),
 }
-"""Policies by type and training steps, as they come and with a prediction for every step; one that sees what
-was half a second ago; the quickstart's sizes; one with a sampled style; a prediction for every second step,
-as 0.08 s are on Fetch; LeRobot's `act` by its learning rate; and VQ-BeT over half as long chunks."""
+"""Policies by type and training steps, as they come and with a prediction for every step; those of configs/;
+LeRobot's `act` by its learning rate; and others by what is different in them."""
 EXECUTIONS: dict[str, dict[str, Any]] = {
     "as it comes": {},
     "crossfade 25 over 50": {"execution": "crossfade", "replan_interval": 25, "crossfade_steps": 50},
