@@ -10,8 +10,8 @@ from lerobot_act_chunking.execution.smoothing import moving_mean
 
 
 def test_each_action_is_the_mean_of_those_around_it():
-    chunk = torch.tensor([0.0, 3.0, 6.0, 0.0, 0.0])[:, None]
-    assert moving_mean(chunk, 3)[:, 0].tolist() == pytest.approx([1, 3, 3, 2, 0])
+    chunk = torch.tensor([1.0, 3.0, 6.0, 0.0, 9.0])[:, None]
+    assert moving_mean(chunk, 3)[:, 0].tolist() == pytest.approx([5 / 3, 10 / 3, 3, 5, 6])
 
 
 def test_a_straight_motion_is_neither_delayed_nor_changed_but_at_its_ends():

@@ -54,11 +54,12 @@ def test_the_card_tells_shapes_execution_and_commands():
 
 
 def test_the_card_explains_ensembling_and_copes_without_a_frame_rate():
-    execution = ExecutionSettings(100, "ensemble", replan_interval=1, latency_steps=2)
+    execution = ExecutionSettings(100, "ensemble", replan_interval=1, latency_steps=2, smoothing_steps=5)
     section = policy_section(Settings(repo_id=None, execution_settings=execution), command=[])
     assert "the weighted mean of all chunks" in section
     assert "`ensemble_weighting=act`, `temporal_ensemble_coeff=0.01` per step" in section
     assert "used 2 steps after" in section
+    assert "each chunk is smoothed: the mean over 5 steps is executed" in section
     assert "a chunk that covers 100 control steps\n" in section
     assert "unknown" in section
 

@@ -186,6 +186,8 @@ def test_compares_with_and_without_averaging():
     newest = ExecutionSettings(20, "receding", 20, 4)
     assert executions(own, asked) == [own, newest, asked]
     assert executions(asked, asked) == [asked, newest]
+    smoothed = ExecutionSettings(20, "ensemble", 20, 4, smoothing_steps=3)
+    assert executions(smoothed, smoothed)[1] == ExecutionSettings(20, "receding", 20, 4, smoothing_steps=3)
     averaging = ExecutionSettings(20, "ensemble", 10)
     assert executions(own, own) == [own, ExecutionSettings(20, "receding", 10, 2), averaging]
 

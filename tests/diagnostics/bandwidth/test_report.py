@@ -14,7 +14,7 @@ from lerobot_act_chunking.diagnostics.bandwidth.measuring import measure
 from lerobot_act_chunking.diagnostics.bandwidth.plots import plot_report
 from lerobot_act_chunking.diagnostics.bandwidth.settings import Limits
 from lerobot_act_chunking.diagnostics.bandwidth.source import Source, read_source
-from lerobot_act_chunking.diagnostics.bandwidth.terminal import print_report
+from lerobot_act_chunking.diagnostics.bandwidth.terminal import describe, print_report
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.settings import ExecutionSettings
 
@@ -243,6 +243,7 @@ def test_what_smoothing_does_to_the_plan_is_said():
     settings = ExecutionSettings(20, "receding", replan_interval=5, smoothing_steps=5)
     report = measure(Source(settings), 50.0, Limits())
     assert report.agreement.agrees
+    assert describe(settings) == "receding, K=20, R=5, mean over 5"
     # |sin(5 w / 2) / (5 sin(w / 2))| = 2 ** -0.5 at w = 2 pi * 4.55 / 50
     assert "half of its power is gone at 4.5 Hz" in card_of(report).replace("\n", " ")
 

@@ -80,11 +80,13 @@ def test_a_strided_chunk_counts_control_steps(tmp_path):
 
 
 def test_another_mode_keeps_the_chunk_and_forgets_the_rest(tmp_path):
-    config = ours(20, n_action_steps=16, execution="crossfade", replan_interval=6, latency_steps=2)
+    config = ours(
+        20, n_action_steps=16, execution="crossfade", replan_interval=6, latency_steps=2, smoothing_steps=3
+    )
     asked = settings_of(config, tmp_path, temporal_ensemble_coeff=0.05)
-    assert asked == ensemble(20, 4, "act", 0.05, n_action_steps=16, latency_steps=2)
+    assert asked == ensemble(20, 4, "act", 0.05, n_action_steps=16, latency_steps=2, smoothing_steps=3)
     shorter = settings_of(config, tmp_path, execution="open_loop", n_action_steps=8, latency_steps=0)
-    assert shorter == ExecutionSettings(20, "open_loop", 8)
+    assert shorter == ExecutionSettings(20, "open_loop", 8, smoothing_steps=3)
 
 
 def test_an_option_replaces_the_weighting_and_its_coefficient(tmp_path):

@@ -51,6 +51,13 @@ def test_smoothed_and_unsmoothed_chunks_are_tried(own, theirs):
         assert any(str(each).startswith("crossfade R=2 n=8 smooth=5") for each in candidates)
 
 
+def test_a_policy_that_smooths_is_also_tried_without(tmp_path):
+    path = save(make_policy(execution="crossfade", smoothing_steps=3), tmp_path)
+    present, *others = read_subject(path).candidates
+    assert present.settings.smoothing_steps == 3
+    assert 1 in {each.settings.smoothing_steps for each in others}
+
+
 def test_a_policy_acts_as_a_candidate(own):
     subject = read_subject(own)
     policy = subject.load()
