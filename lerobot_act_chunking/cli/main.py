@@ -10,6 +10,7 @@ import typer
 from lerobot_act_chunking.cli import hub
 from lerobot_act_chunking.cli.bandwidth import bandwidth_command
 from lerobot_act_chunking.cli.codebook import codebook_command
+from lerobot_act_chunking.cli.compare import compare_command
 from lerobot_act_chunking.cli.data import data_command
 from lerobot_act_chunking.cli.fit_prior import fit_prior_command, latent_command
 from lerobot_act_chunking.cli.import_checkpoint import import_command
@@ -53,6 +54,7 @@ app.command("smoothness")(smoothness_command)
 app.command("bandwidth")(bandwidth_command)
 app.command("resolution")(resolution_command)
 app.command("latent")(latent_command)
+app.command("compare")(compare_command)
 app.command("steps")(steps_command)
 app.command("codebook")(codebook_command)
 app.add_typer(hub.app, name="hub")

@@ -1,0 +1,45 @@
+"""The example of docs/instruments/compare.md: evaluations of the study of people as lerobot-eval writes them.
+
+    python benchmarks/compare_example.py outputs/compare
+
+makes a folder with an eval_info.json for each policy that learned `hesitant` or `clumsy` insertions and acts
+as it comes, from benchmarks/results/operators.json. Episode i began at seed 1000 + i in all of them.
+"""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from execution_study import FIRST_SEED
+
+RESULTS = Path(__file__).parent / "results" / "operators.json"
+AS_IT_COMES = ("as it comes", "crossfade 25 over 50")
+PEOPLE = ("hesitant", "clumsy")
+
+
+def evaluation(entry: dict[str, Any]) -> dict[str, Any]:
+    """What lerobot-eval would have written."""
+    failed = {*entry["failed_seeds"]}
+    successes = [FIRST_SEED + number not in failed for number in range(entry["episodes"])]
+    return {"per_task": [{"task_group": "aloha", "task_id": 0, "metrics": {"successes": successes}}]}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", type=Path)
+    folder = parser.parse_args().folder
+    for entry in json.loads(RESULTS.read_text()):
+        run = entry["run"]
+        asked = entry["operator"] in PEOPLE and entry["execution"] in AS_IT_COMES
+        if asked and run["task"] == "insertion":
+            place = folder / entry["operator"] / run["variant"] / f"seed_{run['seed']}"
+            place.mkdir(parents=True, exist_ok=True)
+            (place / "eval_info.json").write_text(json.dumps(evaluation(entry)))
+            print(place)
+
+
+if __name__ == "__main__":
+    main()

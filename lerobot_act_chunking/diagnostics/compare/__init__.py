@@ -1,0 +1,1 @@
+"""Which of several policies succeeds more often, and how sure that is."""
