@@ -27,6 +27,13 @@ def test_files_are_made_and_the_status_is_the_verdict(evaluations, capsys):
     assert (evaluations / "c.png").exists()
 
 
+def test_other_episodes_are_compared_as_such(evaluations, capsys):
+    assert main(["compare", str(evaluations / "poor"), str(evaluations / "good"), "--unpaired"]) == 0
+    printed = capsys.readouterr().out
+    assert "good - poor" in printed
+    assert "e-value" not in printed
+
+
 def test_what_cannot_be_compared_is_refused(evaluations, capsys):
     assert main(["compare", str(evaluations / "poor"), str(evaluations / "absent")]) == 1
     assert "no evaluation at" in capsys.readouterr().err

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rich.console import Console
+from scipy.stats import ttest_ind
 
 from lerobot_act_chunking.diagnostics.compare.diagnosis import diagnose
 from lerobot_act_chunking.diagnostics.compare.plots import plot_report
@@ -83,6 +84,36 @@ def test_the_smallest_difference_is_found_in_four_of_five_studies():
         smallest.append(each.smallest)
     assert np.mean(smallest) == pytest.approx(0.13, abs=0.01)
     assert 0.8 < np.mean(found) < 0.95  # 15 points, a little above the smallest
+
+
+def test_a_handful_of_episodes_shows_no_small_difference(tmp_path):
+    folders = [evaluation(tmp_path / name, [1] * 10) for name in ("one", "other")]
+    assert compare(*folders).contrasts[0].smallest == 6 / 10  # the exact test needs six that all say the same
+
+
+def test_training_seeds_that_differ_are_compared_by_welchs_test():
+    rates = ((180, 120, 150), (90, 120, 60))
+    trials = [
+        Trials(name, tuple({("", 0, i): i < count for i in range(200)} for count in counts))
+        for name, counts in zip("ab", rates, strict=True)
+    ]
+    found = contrast(*trials, paired=True)
+    first, second = (np.array(counts) / 200 for counts in rates)
+    expected = ttest_ind(first, second, equal_var=False)
+    assert found.p_value == pytest.approx(expected.pvalue)
+    interval = expected.confidence_interval()
+    assert found.interval == pytest.approx((interval.low, interval.high))
+
+
+def test_the_others_need_not_be_told_apart_from_each_other(tmp_path):
+    rates = {"best": 0.95, "b": 0.6, "c": 0.55}
+    folders = [
+        evaluation(tmp_path / name, successes(rate, seed=seed))
+        for seed, (name, rate) in enumerate(rates.items())
+    ]
+    report = compare(*folders)
+    assert (report.verdict, list(report.letters), len(report.reasons)) == ("pass", ["a", "b", "b"], 2)
+    assert report.adjusted[-1] < 1
 
 
 def test_three_policies_are_corrected_for_three_comparisons(tmp_path):

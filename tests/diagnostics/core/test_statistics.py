@@ -38,6 +38,15 @@ def test_the_more_alike_the_episodes_the_narrower_the_interval():
     assert np.diff(alike.interval) < np.diff(apart.interval)
 
 
+def test_paired_intervals_are_corrected_for_continuity():
+    # Newcombe (1998): phi = (a d - b c - n / 2) / sqrt((a + b)(c + d)(a + c)(b + d)), by hand.
+    a, b, c, d = 20, 12, 2, 16
+    phi = (a * d - b * c - 25) / math.sqrt(32 * 18 * 22 * 28)
+    expected = newcombe(SuccessRate(32, 50), SuccessRate(22, 50), phi)
+    assert Pairs(a, b, c, d).interval == pytest.approx(expected)
+    assert Pairs(a, b, c, d).interval != pytest.approx(newcombe(SuccessRate(32, 50), SuccessRate(22, 50), 0))
+
+
 @pytest.mark.parametrize(("first", "second"), [(0.8, 0.6), (0.95, 0.9), (0.5, 0.5)])
 def test_the_interval_holds_the_true_difference_as_often_as_it_says(first, second):
     n_studies, episodes = 400, 100
