@@ -5,7 +5,7 @@ from typing import Any
 import draccus
 import pytest
 from command_line import Command
-from policy_cases import STATE, Case
+from policy_cases import STATE, TYPES, Case
 
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.heads.make import HEADS
@@ -38,18 +38,25 @@ class OwnTokenizer(UniformTokenizer):
     pass
 
 
-OWN: dict[str, tuple[dict[str, Any], type, str, dict[str, Any]]] = {
-    "action_likelihood": (HEADS, CauchyHead, "act_chunked", {}),
-    "latent_type": (LATENTS, OwnLatent, "act_chunked", {"use_vae": True}),
-    "denoiser": (DENOISERS, OwnDenoiser, "diffusion_chunked", {}),
-    "tokenizer": (TOKENIZERS, OwnTokenizer, "vqbet_chunked", {}),
+OWN: dict[str, tuple[dict[str, Any], type, dict[str, Any]]] = {
+    "action_likelihood": (HEADS, CauchyHead, {}),
+    "latent_type": (LATENTS, OwnLatent, {"use_vae": True}),
+    "denoiser": (DENOISERS, OwnDenoiser, {}),
+    "tokenizer": (TOKENIZERS, OwnTokenizer, {}),
 }
+USED_BY = {
+    field: policy_type
+    for policy_type in TYPES
+    for field in OWN
+    if field in {each.name for each in settings_of(policy_type)}
+}
+"""The type of policy that has the field, for those that are there."""
 
 
-@pytest.mark.parametrize("field", OWN)
+@pytest.mark.parametrize("field", USED_BY)
 def test_what_is_in_the_table_can_be_asked_for_and_learns(field, monkeypatch):
-    table, part, policy_type, settings = OWN[field]
-    case = Case(field, policy_type, STATE, settings)
+    table, part, settings = OWN[field]
+    case = Case(field, USED_BY[field], STATE, settings)
     with pytest.raises(ConfigurationError, match=f"unknown {field} 'own'; choose one of: {', '.join(table)}"):
         case.config(**{field: "own"})
 
@@ -62,9 +69,9 @@ def test_what_is_in_the_table_can_be_asked_for_and_learns(field, monkeypatch):
     assert ("own_loss" in metrics) == (field == "action_likelihood")
 
 
-@pytest.mark.parametrize("field", OWN)
+@pytest.mark.parametrize("field", USED_BY)
 def test_what_is_in_the_table_is_allowed_on_the_command_line_and_listed(field, monkeypatch, capsys):
-    table, part, policy_type, _ = OWN[field]
+    (table, part, _), policy_type = OWN[field], USED_BY[field]
     monkeypatch.setitem(table, "own", part)
     (allowed,) = (each.allowed for each in settings_of(policy_type) if each.name == field)
     assert allowed == ", ".join(table)
