@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from execution_study import FIRST_SEED
+from operator_table import DEFAULTS, read
 
-RESULTS = Path(__file__).parent / "results" / "operators.json"
-AS_IT_COMES = ("as it comes", "crossfade 25 over 50")
 PEOPLE = ("hesitant", "clumsy")
 
 
@@ -31,9 +30,9 @@ def main() -> None:
     )
     parser.add_argument("folder", type=Path)
     folder = parser.parse_args().folder
-    for entry in json.loads(RESULTS.read_text()):
+    for entry in read("operators"):
         run = entry["run"]
-        asked = entry["operator"] in PEOPLE and entry["execution"] in AS_IT_COMES
+        asked = entry["operator"] in PEOPLE and entry["execution"] in DEFAULTS
         if asked and run["task"] == "insertion":
             place = folder / entry["operator"] / run["variant"] / f"seed_{run['seed']}"
             place.mkdir(parents=True, exist_ok=True)

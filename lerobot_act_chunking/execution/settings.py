@@ -63,8 +63,8 @@ class ExecutionSettings:
         adaptive_scale: sharpness of the cosine kernel, width of the other two in median disagreements.
         n_samples: chunks to choose from.
         smoothing_steps: each chunk is first replaced by its centred moving mean over so many control steps,
-            an odd number; 1, the default, leaves it as predicted. About a tenth of a second removes the
-            jitter of policies that predict every control step.
+            an odd number; 1, the default, leaves it as predicted. Try about a tenth of a second where a
+            policy predicts every control step and its commands jitter.
         gripper_dims: action dimensions that are never averaged, blended or smoothed: the newest chunk
             decides.
 
@@ -83,7 +83,7 @@ class ExecutionSettings:
     adaptive_kernel: Kernel | None = None
     adaptive_scale: float | None = None
     n_samples: int | None = None
-    smoothing_steps: int = None  # pyright: ignore[reportAttributeAccessIssue, reportAssignmentType]
+    smoothing_steps: int = None  # pyright: ignore[reportAssignmentType]
     gripper_dims: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:

@@ -12,9 +12,8 @@ def moving_mean(
 ) -> Float[Tensor, "*n T A"]:
     """Each action replaced by the mean of the ``steps`` actions around it.
 
-    A network that predicts every control step makes an independent error in each; their mean has a
-    ``steps``-th of the variance. The mean is centred, so that the motion is not delayed. The ends of a chunk
-    count as often as actions are missing there.
+    Errors that are independent from step to step keep a ``steps``-th of their variance. The mean is centred,
+    so that the motion is not delayed. Beyond its ends a chunk is continued by its first and its last action.
 
     Args:
         chunk: the predicted actions.

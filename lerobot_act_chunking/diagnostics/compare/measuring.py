@@ -18,8 +18,9 @@ ONE_TRAINING = (
 )
 PEEKING = (
     "The p-values hold for a number of episodes that was fixed before. If you add episodes until it is "
-    "decided, go by the e-value: 20 or more."
+    "decided, go by the e-value: {least} or more{reason}."
 )
+OF_ALL = " (20 for each comparison of the table)"
 FEWER = "{first} and {second} are compared by the {n} episodes that both have."
 
 
@@ -27,7 +28,7 @@ def measure(trials: Sequence[Trials], *, paired: bool) -> CompareReport:
     """Every policy, and every two of them.
 
     Args:
-        trials: the best first, or in any order; they are sorted.
+        trials: the policies, in any order.
         paired: whether the same episode of two began alike.
 
     Raises:
@@ -44,7 +45,8 @@ def measure(trials: Sequence[Trials], *, paired: bool) -> CompareReport:
     ]
     notes = [] if contrasts[0].kind == "training seeds" else [ONE_TRAINING]
     if contrasts[0].kind == "paired":
-        notes = [BY_ORDER, *notes, PEEKING]
+        least, reason = round(len(contrasts) / LEVEL), OF_ALL if len(contrasts) > 1 else ""
+        notes = [BY_ORDER, *notes, PEEKING.format(least=least, reason=reason)]
         sizes = {each.name: each.rates[0].episodes for each in ranked}
         notes += [
             FEWER.format(first=each.first, second=each.second, n=each.pairs.n)

@@ -11,14 +11,12 @@ from lerobot_act_chunking.diagnostics.tune.candidates import FIELDS, STEPS, Cand
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.json_files import read_json
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
+from lerobot_act_chunking.policies.dataset_defaults import PRESETS_FPS, spaced_stride
 from lerobot_act_chunking.policies.loading import CONFIG, WEIGHTS, LoadedPolicy, load_policy, read_config
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
     TemporalEnsembleConfig,
 )
 from lerobot_act_chunking.policies.temporal_ensemble.wrapping import load_wrapped
-
-SMOOTHING_S = 0.1
-USUAL_FPS = 50
 
 
 @dataclass(frozen=True)
@@ -78,13 +76,13 @@ def smoothing_to_try(config: Any, fps: float | None) -> int:
 
     Args:
         config: the policy's, or a wrapper's.
-        fps: control steps per second; None, not known, is taken as `USUAL_FPS`.
+        fps: control steps per second; None, not known, is taken as `PRESETS_FPS`.
     """
     predicting = getattr(config, "inner_config", config)
     if getattr(predicting, "chunk_stride", 1) > 1:
         return 1
-    within = round(SMOOTHING_S * (fps or USUAL_FPS))
-    return max(1, within - 1 + within % 2)
+    within = spaced_stride(fps or PRESETS_FPS)
+    return within - 1 + within % 2
 
 
 def execute(policy: LoadedPolicy, candidate: Candidate) -> None:

@@ -122,6 +122,8 @@ def test_three_policies_are_corrected_for_three_comparisons(tmp_path):
     assert len(report.contrasts) == 3
     assert all(p >= each.p_value for p, each in zip(report.adjusted, report.contrasts, strict=True))
     assert list(report.letters) == ["a", "b", "c"]
+    # Three bets: one of them reaches 60 by chance in at most 5 % of the studies.
+    assert "go by the e-value: 60 or more (20 for each comparison" in card_of(report)
 
 
 def test_training_seeds_are_a_level_of_their_own(tmp_path):
@@ -192,7 +194,7 @@ def test_numbers_pictures_and_cards(tmp_path):
     assert plot_report(report, tmp_path / "new" / "c.png").stat().st_size > 10_000
     card = card_of(report)
     assert "[odd]" in card
-    assert "20 or more" in card
+    assert "go by the e-value: 20 or more." in card
 
 
 @pytest.mark.parametrize(

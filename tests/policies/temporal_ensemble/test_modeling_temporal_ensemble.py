@@ -104,11 +104,12 @@ def test_environments_are_reset_and_replanned_alone(case, monkeypatch):
     after = act(together, case, 4, first=3)
     undisturbed = act(other, case, 4, first=3)
     scale = undisturbed.abs().max().item()  # an untrained network may do nearly nothing
-    assert torch.allclose(after[:, [0, 2]], undisturbed[:, [0, 2]], rtol=0, atol=1e-3 * scale)
+    close = min(1e-4, 1e-3 * scale)
+    assert torch.allclose(after[:, [0, 2]], undisturbed[:, [0, 2]], rtol=0, atol=close)
     alone = case.wrapped(replan_interval=2)
     alone.reset(episode_seeds=[4, 5, 6])
     fresh = act(alone, case, 4, first=3)
-    assert torch.allclose(after[:, 1], fresh[:, 1], rtol=0, atol=1e-3 * scale)
+    assert torch.allclose(after[:, 1], fresh[:, 1], rtol=0, atol=close)
     assert not torch.allclose(after[:, 1], undisturbed[:, 1], rtol=0, atol=5e-3 * scale)
     assert asked == [1, 2, 1, 2]
 
@@ -241,8 +242,8 @@ def test_a_chunk_shorter_than_its_settings_say_is_refused():
 
 def test_only_samplers_and_policies_that_know_how_do_real_time_chunking(case):
     policy = case.wrapped()
-    inner = case.bare()
-    assert policy.supports_rtc() == (hasattr(inner, "supports_rtc") and inner.supports_rtc())
+    # Ours is of the first type that is there, with settings that draw nothing to continue.
+    assert policy.supports_rtc() == (case.type == "diffusion_chunked" and case is not OURS)
     policy.init_rtc_processor()
     chunk = policy.predict_action_chunk(case.batch(), inference_delay=2, prev_chunk_left_over=None)
     assert chunk.shape == (B, case.chunk_size, A)
