@@ -2,7 +2,7 @@
 
     python benchmarks/compare_example.py outputs/compare
 
-makes a folder with an eval_info.json for each policy that learned `hesitant` or `clumsy` insertions and acts
+makes a folder with an eval_info.json for each policy of this package that learned `hesitant` or `clumsy` insertions and acts
 as it comes, from benchmarks/results/operators.json. Episode i began at seed 1000 + i in all of them.
 """
 
@@ -33,7 +33,7 @@ def main() -> None:
     for entry in read("operators"):
         run = entry["run"]
         asked = entry["operator"] in PEOPLE and entry["execution"] in DEFAULTS
-        if asked and run["task"] == "insertion":
+        if asked and run["task"] == "insertion" and not run["variant"].startswith("lerobot"):
             place = folder / entry["operator"] / run["variant"] / f"seed_{run['seed']}"
             place.mkdir(parents=True, exist_ok=True)
             (place / "eval_info.json").write_text(json.dumps(evaluation(entry)))
