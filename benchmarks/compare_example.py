@@ -2,8 +2,9 @@
 
     python benchmarks/compare_example.py outputs/compare
 
-makes a folder with an eval_info.json for each policy of this package that learned `hesitant` or `clumsy` insertions and acts
-as it comes, from benchmarks/results/operators.json. Episode i began at seed 1000 + i in all of them.
+makes a folder with an eval_info.json for each policy of this package that learned `hesitant` or `clumsy`
+insertions and acts as it comes, from benchmarks/results/operators.json. Episode i began at seed 1000 + i in
+all of them.
 """
 
 import argparse
