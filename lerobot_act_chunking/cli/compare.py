@@ -32,8 +32,8 @@ def compare_command(
     """
     from lerobot_act_chunking.diagnostics.compare.diagnosis import diagnose
     from lerobot_act_chunking.diagnostics.compare.plots import plot_report
-    from lerobot_act_chunking.diagnostics.compare.settings import Settings, parse_recipe
+    from lerobot_act_chunking.diagnostics.compare.settings import Settings, parse_policy
     from lerobot_act_chunking.diagnostics.compare.terminal import print_report
 
-    report = diagnose(Settings(tuple(map(parse_recipe, policies)), paired=not unpaired))
+    report = diagnose(Settings(tuple(map(parse_policy, policies)), paired=not unpaired))
     finish(report, print_report, plot_report, json=json, picture=out)

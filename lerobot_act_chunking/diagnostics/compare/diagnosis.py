@@ -1,5 +1,7 @@
 """The whole comparison, from what is asked to the report."""
 
+from pathlib import Path
+
 from lerobot_act_chunking.diagnostics.compare.measuring import measure
 from lerobot_act_chunking.diagnostics.compare.report import CompareReport
 from lerobot_act_chunking.diagnostics.compare.settings import Settings
@@ -18,7 +20,7 @@ def diagnose(settings: Settings) -> CompareReport:
         DatasetError: an evaluation is absent or damaged.
     """
     trials = [
-        Trials(each.name, tuple(read_outcomes(path) for path in each.evaluations))
+        Trials(each.name, tuple(read_outcomes(Path(place)) for place in each.places))
         for each in settings.recipes
     ]
     return measure(trials, paired=settings.paired)

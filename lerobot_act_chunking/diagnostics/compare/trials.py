@@ -93,9 +93,7 @@ def _of_pairs(first: Trials, second: Trials) -> Contrast:
             f"{first.name} and {second.name} have no episode of a task in common: evaluate both with the "
             "same --env and --seed, or compare them with --unpaired"
         )
-    both = [(one[each], other[each]) for each in common]
-    outcomes = ((True, True), (True, False), (False, True), (False, False))
-    pairs = Pairs(*map(both.count, outcomes))
+    pairs = Pairs.of([one[each] for each in common], [other[each] for each in common])
     differing = (pairs.only_first + pairs.only_second + 1) / (pairs.n + 1)
     return Contrast(
         first.name,

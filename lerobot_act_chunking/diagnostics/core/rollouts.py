@@ -4,11 +4,12 @@ Acts exactly as ``lerobot-eval`` (same observations, processors, batches, succes
 without a vector environment: finished episodes cost nothing, and one network call serves all the others.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from inspect import signature
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -18,7 +19,14 @@ from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor
 
 from lerobot_act_chunking.compat import action_of
-from lerobot_act_chunking.diagnostics.core.worlds import Worlds, open_worlds, succeeded, task_description
+from lerobot_act_chunking.diagnostics.core.worlds import (
+    Worlds,
+    failure_of,
+    open_worlds,
+    rules_of,
+    succeeded,
+    task_description,
+)
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.executor import ChunkExecutor
@@ -26,6 +34,8 @@ from lerobot_act_chunking.policies.loading import LoadedPolicy
 
 OnStep = Callable[[int, int, Any], None]
 OnChunk = Callable[[Tensor, Tensor | None], None]
+Ending = Literal["terminated", "truncated", "cut"]
+"""The environment said so; it ran out of its own time; or out of the configuration's ``episode_length``."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +66,12 @@ class Rollout:
         success: whether the environment said ``is_success`` at any step, as LeRobot counts.
         inferences: network calls while the episode was running, in order; none if the policy neither has a
             `ChunkExecutor` nor calls its own ``predict_action_chunk`` (LeRobot's ``smolvla``).
+        states: ``agent_pos`` as it was observed before each step, ``(T, S)``; ``(T, 0)`` where it is not.
+        rules: every success rule that the environment reports, as of the last step.
+        ending: why the episode ended.
+        failure: what went wrong, where the environment can tell.
+        acting_s: time from the observation to the command at each step, ``(T,)`` [s], for all episodes that
+            ran together.
     """
 
     seed: int
@@ -65,6 +81,11 @@ class Rollout:
     rewards: np.ndarray
     success: bool
     inferences: tuple[Inference, ...] = ()
+    states: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    rules: Mapping[str, bool] = field(default_factory=dict)
+    ending: Ending = "cut"
+    failure: str | None = None
+    acting_s: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
 def roll_out(
@@ -136,21 +157,29 @@ class _Episode:
     positions: list[np.ndarray] = field(default_factory=list)
     rewards: list[float] = field(default_factory=list)
     inferences: list[Inference] = field(default_factory=list)
+    states: list[np.ndarray] = field(default_factory=list)
+    acting_s: list[float] = field(default_factory=list)
+    info: Mapping[str, Any] = field(default_factory=dict)
     success: bool = False
+    ending: Ending = "cut"
     done: bool = False
 
     def __post_init__(self) -> None:
         self.observation, _ = self.env.reset(seed=self.seed, options=self.reset_options)
         self.task = task_description(self.env)
 
-    def advance(self, command: np.ndarray, on_step: OnStep | None) -> None:
-        """Carry out one command (A,)."""
+    def advance(self, command: np.ndarray, acting_s: float, on_step: OnStep | None) -> None:
+        """Carry out one command (A,), which took so long to choose."""
+        self.acting_s.append(acting_s)
         self.positions.append(_positions(self.env))
+        self.states.append(np.ravel(self.observation.get("agent_pos", ())))
         if on_step is not None:
             on_step(self.seed, len(self.commands), self.env)
-        self.observation, reward, terminated, truncated, info = self.env.step(command)
-        self.success |= succeeded(info)
+        self.observation, reward, terminated, truncated, self.info = self.env.step(command)
+        self.success |= succeeded(self.info)
         self.done = terminated or truncated
+        if self.done:
+            self.ending = "terminated" if terminated else "truncated"
         self.commands.append(command)
         self.rewards.append(reward)
 
@@ -163,6 +192,11 @@ class _Episode:
             positions=np.stack(self.positions),
             rewards=np.array(self.rewards),
             success=self.success,
+            states=np.stack(self.states),
+            rules=rules_of(self.info),
+            ending=self.ending,
+            failure=None if self.success else failure_of(self.env),
+            acting_s=np.array(self.acting_s),
             inferences=tuple(self.inferences),
         )
 
@@ -176,6 +210,7 @@ def _advance(policy: LoadedPolicy, worlds: Worlds, group: list[_Episode], on_ste
     """One control step of every unfinished episode; False once there is none."""
     if all(episode.done for episode in group):
         return False
+    started = time.perf_counter()
     # Finished episodes stay in the batch with their last observation: its size must not change.
     observation = preprocess_observation(_stack([episode.observation for episode in group]))
     observation["task"] = [episode.task for episode in group]  # pyright: ignore[reportArgumentType]
@@ -183,9 +218,10 @@ def _advance(policy: LoadedPolicy, worlds: Worlds, group: list[_Episode], on_ste
     with torch.inference_mode():
         actions = policy.postprocessor(action_of(policy.policy.select_action(batch)))
     commands = worlds.after(actions).to("cpu").numpy()
+    acting_s = time.perf_counter() - started
     for episode, command in zip(group, commands, strict=True):
         if not episode.done:
-            episode.advance(command, on_step)
+            episode.advance(command, acting_s, on_step)
     return True
 
 

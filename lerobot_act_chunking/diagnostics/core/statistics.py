@@ -4,6 +4,8 @@ import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 LARGEST_LOG = 700.0  # what still is a number as e to the power of it
 
 
@@ -93,6 +95,12 @@ class Pairs:
         if self.n == 0:
             raise ValueError("no common episode to compare by")
 
+    @classmethod
+    def of(cls, first: Sequence[bool], second: Sequence[bool]) -> "Pairs":
+        """Which of the same episodes, in the same order, two policies did."""
+        both = list(zip(first, second, strict=True))
+        return cls(*map(both.count, ((True, True), (True, False), (False, True), (False, False))))
+
     @property
     def n(self) -> int:
         """The number of episodes."""
@@ -120,10 +128,7 @@ class Pairs:
         then has a probability of 5 % at most, whenever one looks and however often. So episodes may be added
         until it is decided, which a p-value does not allow.
         """
-        from scipy.special import betaln
-
-        a, b = self.only_first, self.only_second
-        return math.exp(min(betaln(a + 1, b + 1) + (a + b) * math.log(2), LARGEST_LOG))
+        return float(_e_values(np.array(self.only_first), np.array(self.only_second)))
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -140,6 +145,28 @@ class Pairs:
         product = a * d - b * c
         product = max(product - self.n / 2, 0) if product > 0 else product
         return product / math.sqrt(scale) if scale else 0.0
+
+
+def e_values(first: Sequence[bool], second: Sequence[bool]) -> np.ndarray:
+    """`Pairs.e_value` after each of the same episodes, where the first is ahead; 0 where it is not.
+
+    Args:
+        first: which episodes (n,) one policy did, in the order in which they ran.
+        second: which the other did.
+
+    Returns:
+        (n,): 20 or more at any of them decides for the first; if it is no better, with a chance of 5 %.
+    """
+    one, other = np.array(first, bool), np.array(second, bool)
+    only_first, only_second = np.cumsum(one & ~other), np.cumsum(other & ~one)
+    return np.where(only_first > only_second, _e_values(only_first, only_second), 0.0)
+
+
+def _e_values(only_first: np.ndarray, only_second: np.ndarray) -> np.ndarray:
+    from scipy.special import betaln
+
+    log = betaln(only_first + 1, only_second + 1) + (only_first + only_second) * math.log(2)
+    return np.exp(np.minimum(log, LARGEST_LOG))
 
 
 def newcombe(first: SuccessRate, second: SuccessRate, correlation: float = 0.0) -> tuple[float, float]:

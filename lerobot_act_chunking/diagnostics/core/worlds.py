@@ -7,6 +7,7 @@ from typing import Any
 
 import draccus
 import gymnasium as gym
+import numpy as np
 from draccus.utils import DraccusException
 from lerobot.envs import utils
 from lerobot.envs.configs import EnvConfig
@@ -105,6 +106,24 @@ def succeeded(info: Mapping[str, Any]) -> bool:
     """Whether a step's ``info`` says so; one without an answer says no."""
     final = info.get("final_info")
     return bool((final if isinstance(final, Mapping) else info).get("is_success", False))
+
+
+def failure_of(env: Any) -> str | None:
+    """What went wrong in the present episode, of an environment with an attribute ``failure``."""
+    with suppress(AttributeError):
+        return env.get_wrapper_attr("failure")
+    return None
+
+
+def rules_of(info: Mapping[str, Any]) -> dict[str, bool]:
+    """What a step's ``info`` says of every success rule: all its members with "success" in their names."""
+    final = info.get("final_info")
+    said = final if isinstance(final, Mapping) else info
+    return {
+        name: bool(value)
+        for name, value in said.items()
+        if "success" in name and isinstance(value, bool | int | float | np.bool_ | np.number)
+    }
 
 
 def make_env_config(env_type: str, arguments: Mapping[str, Any]) -> EnvConfig:

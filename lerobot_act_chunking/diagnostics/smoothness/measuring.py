@@ -5,11 +5,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from lerobot_act_chunking.data.dimension_names import is_hand
+from lerobot_act_chunking.diagnostics.core import motion_metrics as metrics
 from lerobot_act_chunking.diagnostics.core.noise_floor import NoiseFloor
 from lerobot_act_chunking.diagnostics.core.rollouts import Rollout
 from lerobot_act_chunking.diagnostics.core.tracking import Tracking, track
 from lerobot_act_chunking.diagnostics.core.trajectories import UndefinedMeasureError
-from lerobot_act_chunking.diagnostics.smoothness import chunks, metrics
+from lerobot_act_chunking.diagnostics.smoothness import chunks
 from lerobot_act_chunking.diagnostics.smoothness.report import (
     Curves,
     DisagreementReport,

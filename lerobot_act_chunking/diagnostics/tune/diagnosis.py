@@ -2,11 +2,12 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from lerobot.envs.configs import EnvConfig
 
+from lerobot_act_chunking.diagnostics.core.digests import environment_identity
 from lerobot_act_chunking.diagnostics.core.environments import environment_of
 from lerobot_act_chunking.diagnostics.core.report import with_untrained
 from lerobot_act_chunking.diagnostics.core.training import untrained
@@ -112,10 +113,9 @@ def _environment(settings: Settings, subject: Subject, policy: LoadedPolicy) -> 
 
 def _question(settings: Settings, subject: Subject, env_config: EnvConfig) -> dict[str, Any]:
     """What finished episodes depend on, apart from the candidate and the number of the episode."""
-    environment = {name: repr(value) for name, value in asdict(env_config).items()}  # pyright: ignore[reportArgumentType]
     return {
         "checkpoint": digest(subject),
-        "environment": {"type": env_config.type, **environment},
+        "environment": environment_identity(env_config),
         "seed": settings.seed,
     }
 

@@ -1,20 +1,17 @@
 """Episodes of candidates, here or in worker processes."""
 
-import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing.connection import Connection, wait
-from typing import Any, Protocol, Self, cast
+from typing import Any
 
 from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
+from lerobot_act_chunking.diagnostics.core.tasks import InlineTasks, Tasks, WorkerTasks
 from lerobot_act_chunking.diagnostics.tune.candidates import Candidate
 from lerobot_act_chunking.diagnostics.tune.racing import Cell
 from lerobot_act_chunking.diagnostics.tune.subject import Subject, execute
-from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.policies.loading import LoadedPolicy
-from lerobot_act_chunking.worker_processes import WorkerProcesses
 
 CandidateCell = Cell[Candidate]
 Outcome = tuple[CandidateCell, list[bool]]
@@ -42,84 +39,14 @@ class Episodes:
         return [rollout.success for rollout in rollouts]
 
 
-class Runner(Protocol):
-    """Runs cells. A context manager: leaving it ends what is still running."""
-
-    def run(self, cells: Sequence[CandidateCell], may_begin: Callable[[], bool]) -> Iterator[Outcome]:
-        """Run cells while ``may_begin`` says so; those begun are finished."""
-        ...
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(self, *exception: object) -> None: ...
-
-
-def make_runner(episodes: Episodes, workers: int, policy: LoadedPolicy) -> Runner:
+def make_runner(episodes: Episodes, workers: int, policy: LoadedPolicy) -> Tasks[CandidateCell, list[bool]]:
     """One worker runs here with the policy that is loaded, more load it in processes of their own."""
-    return InlineRunner(episodes, policy) if workers == 1 else WorkerPool(episodes, workers)
-
-
-class InlineRunner:
-    """Runs one cell after the other."""
-
-    def __init__(self, episodes: Episodes, policy: LoadedPolicy) -> None:
-        self._episodes, self._policy = episodes, policy
-
-    def run(self, cells: Sequence[CandidateCell], may_begin: Callable[[], bool]) -> Iterator[Outcome]:
-        """Run cells in their order."""
-        for cell in cells:
-            if not may_begin():
-                return
-            yield cell, self._episodes.play(self._policy, cell)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        pass
-
-
-class WorkerPool:
-    """Runs cells in fresh processes."""
-
-    def __init__(self, episodes: Episodes, workers: int) -> None:
-        self._workers = WorkerProcesses(partial(_player, episodes, workers), workers, _worker_died)
-        self._idle = list(self._workers.connections)
-
-    def run(self, cells: Sequence[CandidateCell], may_begin: Callable[[], bool]) -> Iterator[Outcome]:
-        """Give each worker the next cell as soon as it has finished one."""
-        waiting, running = list(cells), dict[Connection, CandidateCell]()
-        while True:
-            while self._idle and waiting and may_begin():
-                connection, cell = self._idle.pop(), waiting.pop(0)
-                self._workers.send(connection, cell)
-                running[connection] = cell
-            if not running:
-                return
-            for ready in wait(list(running)):
-                connection = cast(Connection, ready)
-                successes = self._workers.receive(connection)
-                self._idle.append(connection)
-                yield running.pop(connection), successes
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._workers.__exit__()
+    if workers == 1:
+        return InlineTasks(partial(episodes.play, policy))
+    return WorkerTasks(partial(_player, episodes), workers)
 
 
 @contextmanager
-def _player(episodes: Episodes, workers: int) -> Iterator[Callable[[CandidateCell], list[bool]]]:
+def _player(episodes: Episodes) -> Iterator[Callable[[CandidateCell], list[bool]]]:
     """Runs a cell with a policy of this process's own."""
-    import torch
-
-    torch.set_num_threads(max(1, (os.cpu_count() or 1) // workers))
     yield partial(episodes.play, episodes.subject.load())
-
-
-def _worker_died() -> ConfigurationError:
-    return ConfigurationError(
-        "a worker process died, perhaps for want of memory: run the same command with --workers 1; "
-        "finished episodes are kept"
-    )

@@ -1,11 +1,11 @@
 """Finished episodes on the disk, so that a race can be stopped and gone on with."""
 
-import hashlib
 import json
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from lerobot_act_chunking.diagnostics.core.digests import question_digest
 from lerobot_act_chunking.diagnostics.tune.measuring import CandidateCell, Outcome
 from lerobot_act_chunking.durable_files import write_atomically
 from lerobot_act_chunking.errors import ConfigurationError
@@ -27,9 +27,8 @@ class Store:
     """
 
     def __init__(self, question: dict[str, Any], folder: Path | None) -> None:
-        written = json.dumps(question, sort_keys=True)
-        self.folder = folder or DEFAULT_PARENT / hashlib.sha256(written.encode()).hexdigest()[:12]
-        self._question = json.loads(written)
+        self.folder = folder or DEFAULT_PARENT / question_digest(question)
+        self._question = json.loads(json.dumps(question))
         self._outcomes = self._read()
 
     def _read(self) -> dict[str, str]:

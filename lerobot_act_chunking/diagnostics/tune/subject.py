@@ -1,18 +1,15 @@
 """A checkpoint as something that can be executed in many ways."""
 
-import hashlib
-import json
 from dataclasses import dataclass, fields, replace
-from pathlib import Path
 from typing import Any
 
+from lerobot_act_chunking.diagnostics.core.digests import checkpoint_digest
 from lerobot_act_chunking.diagnostics.core.training import read_training
 from lerobot_act_chunking.diagnostics.tune.candidates import FIELDS, STEPS, Candidate, make_candidates
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.json_files import read_json
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
 from lerobot_act_chunking.policies.dataset_defaults import PRESETS_FPS, spaced_stride
-from lerobot_act_chunking.policies.loading import CONFIG, WEIGHTS, LoadedPolicy, load_policy, read_config
+from lerobot_act_chunking.policies.loading import LoadedPolicy, load_policy, read_config
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
     TemporalEnsembleConfig,
 )
@@ -93,17 +90,7 @@ def execute(policy: LoadedPolicy, candidate: Candidate) -> None:
 
 def digest(subject: Subject) -> str:
     """What tells this checkpoint from all others, however it is executed."""
-    content = hashlib.sha256()
-    folder = Path(subject.checkpoint)
-    if not folder.is_dir():
-        content.update(subject.checkpoint.encode())
-        return content.hexdigest()
-    config = read_json(folder / CONFIG)
-    kept = {name: value for name, value in config.items() if name not in (*FIELDS, STEPS, "replan_s")}
-    content.update(json.dumps(kept, sort_keys=True).encode())
-    with (folder / WEIGHTS).open("rb") as file:
-        content.update(hashlib.file_digest(file, "sha256").digest())
-    return content.hexdigest()
+    return checkpoint_digest(subject.checkpoint, without=(*FIELDS, STEPS, "replan_s"))
 
 
 def _candidate(config: Any, values: dict[str, Any]) -> Candidate:

@@ -1,7 +1,6 @@
 """Which of several policies succeeds more often, from what lerobot-eval wrote."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ from scipy.stats import ttest_ind
 
 from lerobot_act_chunking.diagnostics.compare.diagnosis import diagnose
 from lerobot_act_chunking.diagnostics.compare.plots import plot_report
-from lerobot_act_chunking.diagnostics.compare.settings import Recipe, Settings, parse_recipe
+from lerobot_act_chunking.diagnostics.compare.settings import Recipe, Settings, parse_policy
 from lerobot_act_chunking.diagnostics.compare.terminal import print_report
 from lerobot_act_chunking.diagnostics.compare.trials import Trials, contrast
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError
@@ -32,7 +31,7 @@ def successes(rate, n=200, seed=0):
 
 
 def compare(*texts, paired=True):
-    return diagnose(Settings(tuple(parse_recipe(str(each)) for each in texts), paired))
+    return diagnose(Settings(tuple(parse_policy(str(each)) for each in texts), paired))
 
 
 def card_of(report):
@@ -235,6 +234,6 @@ def test_an_absent_evaluation_is_named(tmp_path):
 
 
 def test_names_follow_from_folders():
-    assert parse_recipe("runs/act") == Recipe("act", (Path("runs/act/eval_info.json"),))
-    assert parse_recipe("runs/act/eval_info.json").name == "act"
-    assert parse_recipe("x=a,b").evaluations == (Path("a/eval_info.json"), Path("b/eval_info.json"))
+    assert parse_policy("runs/act") == Recipe("act", ("runs/act/eval_info.json",))
+    assert parse_policy("runs/act/eval_info.json").name == "act"
+    assert parse_policy("x=a,b").places == ("a/eval_info.json", "b/eval_info.json")

@@ -5,8 +5,7 @@ import pytest
 from scipy.integrate import quad
 
 from lerobot_act_chunking.diagnostics.core.lag import lag_products
-from lerobot_act_chunking.diagnostics.core.trajectories import UndefinedMeasureError
-from lerobot_act_chunking.diagnostics.smoothness.metrics import (
+from lerobot_act_chunking.diagnostics.core.motion_metrics import (
     high_frequency_share,
     log_dimensionless_jerk,
     median,
@@ -17,6 +16,7 @@ from lerobot_act_chunking.diagnostics.smoothness.metrics import (
     speed,
     velocity_spectrum,
 )
+from lerobot_act_chunking.diagnostics.core.trajectories import UndefinedMeasureError
 
 DT = 0.02
 
