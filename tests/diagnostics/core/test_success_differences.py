@@ -10,7 +10,14 @@ from hypothesis import strategies as st
 from scipy.special import betaln
 from tiers import draws
 
-from lerobot_act_chunking.diagnostics.core.statistics import Pairs, SuccessRate, holm, letters, newcombe
+from lerobot_act_chunking.diagnostics.core.statistics import (
+    Pairs,
+    SuccessRate,
+    e_values,
+    holm,
+    letters,
+    newcombe,
+)
 
 COUNTS = st.integers(0, 60)
 
@@ -81,8 +88,9 @@ def test_no_episode_is_no_comparison():
 
 def test_the_e_value_is_the_mean_of_all_bets():
     shares = (np.arange(100_000) + 0.5) / 100_000
+    weights = 6 * shares * (1 - shares)
     bets = shares**9 * (1 - shares) ** 3 / 0.5**12
-    assert Pairs(0, 9, 3, 0).e_value == pytest.approx(bets.mean(), rel=1e-6)
+    assert Pairs(0, 9, 3, 0).e_value == pytest.approx((weights * bets).mean(), rel=1e-6)
     assert Pairs(5, 0, 0, 5).e_value == 1
     assert math.isfinite(Pairs(0, 10**5, 0, 0).e_value)
 
@@ -103,10 +111,21 @@ def test_a_difference_of_twenty_points_is_seen_in_half_of_200_episodes(rates):
 
 def evidence(only_first, only_second):
     """Logarithms of the e-values, as of `Pairs`."""
-    found = betaln(only_first + 1, only_second + 1) + (only_first + only_second) * math.log(2)
+    found = betaln(only_first + 2, only_second + 2) - betaln(2, 2) + (only_first + only_second) * math.log(2)
     some = Pairs(0, int(only_first[0, -1]), int(only_second[0, -1]), 0)
     assert math.exp(found[0, -1]) == pytest.approx(some.e_value)
     return found
+
+
+def test_e_values_of_episodes_are_those_of_each_beginning_where_the_first_is_ahead():
+    rng = np.random.default_rng(0)
+    first, second = (rng.random(60) < rate for rate in (0.7, 0.5))
+    found = e_values(first.tolist(), second.tolist())
+    for end in range(1, 61):
+        pairs = Pairs.of(first[:end].tolist(), second[:end].tolist())
+        expected = pairs.e_value if pairs.only_first > pairs.only_second else 0
+        assert found[end - 1] == pytest.approx(expected)
+    assert not (found * e_values(second.tolist(), first.tolist())).any()
 
 
 def test_holms_correction():
