@@ -90,7 +90,7 @@ def _unexplained(joints: np.ndarray, goal: np.ndarray, held: np.ndarray) -> floa
 
 def draw(training: Training, cell: Cell, path: Path) -> None:
     """The first successful episode, larger than the policy saw it; nothing if there is none."""
-    from lerobot_act_chunking.diagnostics.core.environments import environment_for
+    from lerobot_act_chunking.diagnostics.core.environments import environment_of, task_environment
     from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
     from lerobot_act_chunking.policies.loading import load_policy
 
@@ -99,7 +99,7 @@ def draw(training: Training, cell: Cell, path: Path) -> None:
     if seed is None:
         return
     loaded, seen = load_policy(training.checkpoints / "last" / "pretrained_model"), []
-    config = environment_for(loaded.policy.config, task=TASK, success="touch")
+    config = environment_of(loaded.policy.config, task_environment(TASK, "touch"))
     (episode,) = roll_out(loaded, config, [seed], on_step=lambda _, step, env: seen.append(env.render()))
     if episode.success:
         _strip(seen, 1 / config.fps, path)

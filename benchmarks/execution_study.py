@@ -137,11 +137,11 @@ def evaluate(
 ) -> Cell:
     """Run the episodes of one cell and measure them."""
     from lerobot_act_chunking.diagnostics.bandwidth.push import push_object
-    from lerobot_act_chunking.diagnostics.core.environments import environment_for
+    from lerobot_act_chunking.diagnostics.core.environments import environment_of, task_environment
     from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
 
     configure(loaded.policy, execution)
-    env_config = environment_for(loaded.policy.config, task=task, success="touch")
+    env_config = environment_of(loaded.policy.config, task_environment(task, "touch"))
     episodes = options.pop("episodes")
     seeds = range(FIRST_SEED, FIRST_SEED + episodes)
     on_step = push_object(PUSH_STEP, push_m) if push_m else None

@@ -85,11 +85,11 @@ def evaluate(training: Training, asked: Run, episodes: int) -> Cell:
     """One cell."""
     import torch
 
-    from lerobot_act_chunking.diagnostics.core.environments import environment_for
+    from lerobot_act_chunking.diagnostics.core.environments import environment_of, task_environment
 
     loaded = load(training, asked)
     rule = "final" if asked.task in ROBOTICS_TASKS else "touch"
-    env_config = environment_for(loaded.policy.config, task=asked.task, success=rule)
+    env_config: Any = environment_of(loaded.policy.config, task_environment(asked.task, rule))
     milliseconds, calls = time_chunks(loaded, env_config)
     seeds = range(FIRST_SEED, FIRST_SEED + episodes)
     groups = [seeds[first : first + N_ENVS] for first in range(0, episodes, N_ENVS)]

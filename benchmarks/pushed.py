@@ -35,11 +35,11 @@ EXECUTIONS: dict[str, dict[str, Any]] = {
 def successes(loaded: Any, execution: dict[str, Any], episodes: int) -> int:
     """How many of the pushed episodes succeed."""
     from lerobot_act_chunking.diagnostics.bandwidth.push import push_object
-    from lerobot_act_chunking.diagnostics.core.environments import environment_for
+    from lerobot_act_chunking.diagnostics.core.environments import environment_of, task_environment
     from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
 
     configure(loaded.policy, execution)
-    env_config = environment_for(loaded.policy.config, task=TASK, success="touch")
+    env_config = environment_of(loaded.policy.config, task_environment(TASK, "touch"))
     seeds = range(FIRST_SEED, FIRST_SEED + episodes)
     groups = [seeds[first : first + N_ENVS] for first in range(0, episodes, N_ENVS)]
     push = push_object(PUSH_STEP, PUSH_M)

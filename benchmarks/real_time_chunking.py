@@ -135,10 +135,10 @@ def run_episodes(loaded: Any, task: str, episodes: int) -> tuple[list[Any], set[
 
     All are run again with another episode in such a one's place, so that the others keep their noise.
     """
-    from lerobot_act_chunking.diagnostics.core.environments import environment_for
+    from lerobot_act_chunking.diagnostics.core.environments import environment_of, task_environment
     from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
 
-    env_config = environment_for(loaded.policy.config, task=task, success="touch")
+    env_config = environment_of(loaded.policy.config, task_environment(task, "touch"))
     seeds = list(range(FIRST_SEED, FIRST_SEED + episodes))
     under_way, diverged = [0], []
     while True:
@@ -168,11 +168,11 @@ def motion(rollouts: list[Any], loaded: Any, delay: int) -> dict[str, float | No
 
 def time_chunks(loaded: Any, task: str) -> dict[str, float]:
     """Median time of one chunk for one environment [ms]; methods take turns, so all see the same load."""
-    from lerobot_act_chunking.diagnostics.core.environments import environment_for
+    from lerobot_act_chunking.diagnostics.core.environments import environment_of, task_environment
     from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
 
     times: dict[str, list[float]] = {}
-    env_config = environment_for(loaded.policy.config, task=task, success="touch")
+    env_config = environment_of(loaded.policy.config, task_environment(task, "touch"))
     predict = loaded.policy._predict
     for turn in range(TIMED_CHUNKS // 4 + 1):
         for method in usable_methods(loaded):

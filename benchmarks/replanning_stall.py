@@ -199,7 +199,7 @@ class Trials:
         return self.done[key]
 
     def make(self, task: str, pause: float, steps: int, interval: int, lookahead: int) -> Trial:
-        from lerobot_act_chunking.diagnostics.core.environments import environment_for
+        from lerobot_act_chunking.diagnostics.core.environments import environment_of, task_environment
         from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
         from lerobot_act_chunking.policies.loading import load_policy
 
@@ -212,10 +212,10 @@ class Trials:
         with looking_ahead(loaded.policy, lookahead):
             rollouts = roll_out(
                 loaded,
-                environment_for(loaded.policy.config, task=task, success="touch"),
+                environment_of(loaded.policy.config, task_environment(task, "touch")),
                 range(FIRST_SEED, FIRST_SEED + self.episodes),
                 n_envs=100,
-                on_step=lambda seed, _, env: states.update({seed: env.world.environment_state()}),
+                on_step=lambda seed, _, env: states.update({seed: env.unwrapped.world.environment_state()}),
             )
         stalled = [rollout for rollout in rollouts if is_stalled(rollout)]
         looks = interval == 1 and lookahead == 0 and stalled

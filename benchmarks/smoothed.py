@@ -25,11 +25,11 @@ WINDOWS = (1, 5, 11)
 
 def successes(loaded: Any, window: int, episodes: int) -> int:
     """How many episodes succeed with chunks that are averaged over so many control steps."""
-    from lerobot_act_chunking.diagnostics.core.environments import environment_for
+    from lerobot_act_chunking.diagnostics.core.environments import environment_of, task_environment
     from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
 
     loaded.policy.config.smoothing_steps = window
-    env_config = environment_for(loaded.policy.config, task=TASK, success="touch")
+    env_config = environment_of(loaded.policy.config, task_environment(TASK, "touch"))
     seeds = range(FIRST_SEED, FIRST_SEED + episodes)
     return sum(each.success for each in roll_out(loaded, env_config, seeds, n_envs=N_ENVS, log_chunks=False))
 

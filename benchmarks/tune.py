@@ -12,7 +12,7 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from lerobot_act_chunking.diagnostics.core.environments import environment_of
+from lerobot_act_chunking.diagnostics.core.environments import environment_of, task_environment
 from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate
 from lerobot_act_chunking.diagnostics.tune.candidates import Candidate
 from lerobot_act_chunking.diagnostics.tune.diagnosis import diagnose
@@ -56,7 +56,7 @@ def badly_set(checkpoint: Path, copy: Path, bad: dict[str, object]) -> Path:
 def measure(checkpoint: str, folder: Path, args: argparse.Namespace) -> dict[str, object]:
     """Tune, then evaluate all candidates."""
     settings = Settings(
-        checkpoint, task=args.task, minutes=args.minutes, workers=args.workers, output_dir=folder
+        checkpoint, task_environment(args.task), minutes=args.minutes, workers=args.workers, output_dir=folder
     )
     report = diagnose(settings)
     subject = read_subject(checkpoint)
@@ -83,7 +83,7 @@ def measure(checkpoint: str, folder: Path, args: argparse.Namespace) -> dict[str
 def evaluate(subject: Subject, task: str, episodes: int, workers: int) -> dict[Candidate, SuccessRate]:
     """Success of every candidate on the seeds from 1000 on."""
     policy = subject.load()
-    env_config = environment_of(policy, subject.checkpoint, task=task)
+    env_config = environment_of(subject.config, task_environment(task), subject.checkpoint)
     spans = [(at, min(AT_ONCE, episodes - at)) for at in range(0, episodes, AT_ONCE)]
     cells = [Cell(each, *span) for each in subject.candidates for span in spans]
     successes = dict.fromkeys(subject.candidates, 0)

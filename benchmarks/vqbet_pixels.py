@@ -113,6 +113,11 @@ class SeldomRenderedConfig(AlohaSimEnvConfig):
     """Its configuration."""
 
     @property
+    def type(self) -> str:
+        """Its name in LeRobot, which knows the environment itself alone."""
+        return "aloha_sim"
+
+    @property
     def gym_id(self) -> str:
         """Its name in gymnasium."""
         return "vqbet_pixels/SeldomRendered-v0"
@@ -214,9 +219,9 @@ def evaluate(name: str, training: Training, episodes: int) -> Cell:
 
 def environment(config: Any) -> SeldomRenderedConfig:
     """The environment that a policy was trained in."""
-    from lerobot_act_chunking.diagnostics.core.environments import environment_for
+    from lerobot_act_chunking.diagnostics.core.environments import environment_of, task_environment
 
-    usual = environment_for(config, task=TASK, success="touch")
+    usual = environment_of(config, task_environment(TASK, "touch"))
     return SeldomRenderedConfig(**{each.name: getattr(usual, each.name) for each in fields(usual)})
 
 

@@ -2,7 +2,7 @@
 
 import argparse
 
-from lerobot_act_chunking.diagnostics.core.environments import environment_for
+from lerobot_act_chunking.diagnostics.core.environments import environment_of, task_environment
 from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
 from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate
 from lerobot_act_chunking.diagnostics.smoothness.measuring import measure
@@ -26,7 +26,7 @@ def main() -> None:
 
     for name, settings in WAYS.items():
         loaded = load_wrapped(args.policy, **settings)
-        env_config = environment_for(loaded.policy.config, task=args.task, success="touch")
+        env_config = environment_of(loaded.policy.config, task_environment(args.task, "touch"))
         rollouts = roll_out(loaded, env_config, seeds=range(1000, 1000 + args.episodes))
         report = measure(rollouts, action_std=action_std(loaded))
         rate = SuccessRate(sum(rollout.success for rollout in rollouts), len(rollouts))

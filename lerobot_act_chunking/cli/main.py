@@ -12,6 +12,8 @@ from lerobot_act_chunking.cli.bandwidth import bandwidth_command
 from lerobot_act_chunking.cli.codebook import codebook_command
 from lerobot_act_chunking.cli.compare import compare_command
 from lerobot_act_chunking.cli.data import data_command
+from lerobot_act_chunking.cli.environment import EnvironmentCommand
+from lerobot_act_chunking.cli.eval import eval_command
 from lerobot_act_chunking.cli.fit_prior import fit_prior_command, latent_command
 from lerobot_act_chunking.cli.import_checkpoint import import_command
 from lerobot_act_chunking.cli.motion import motion_command
@@ -46,16 +48,17 @@ app.command("train-tokenizer")(train_tokenizer_command)
 app.command("fit-prior")(fit_prior_command)
 app.command("import")(import_command)
 app.command("wrap")(wrap_command)
-app.command("tune")(tune_command)
+app.command("tune", cls=EnvironmentCommand)(tune_command)
 app.command("settings")(settings_command)
 app.command("data")(data_command)
-app.command("motion")(motion_command)
-app.command("smoothness")(smoothness_command)
+app.command("motion", cls=EnvironmentCommand)(motion_command)
+app.command("smoothness", cls=EnvironmentCommand)(smoothness_command)
 app.command("bandwidth")(bandwidth_command)
 app.command("resolution")(resolution_command)
 app.command("latent")(latent_command)
+app.command("eval", cls=EnvironmentCommand)(eval_command)
 app.command("compare")(compare_command)
-app.command("steps")(steps_command)
+app.command("steps", cls=EnvironmentCommand)(steps_command)
 app.command("codebook")(codebook_command)
 app.add_typer(hub.app, name="hub")
 

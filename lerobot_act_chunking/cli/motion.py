@@ -7,30 +7,28 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
+from lerobot_act_chunking.cli.environment import Fields, Success, Task, environment_to_run
 from lerobot_act_chunking.cli.options import OUT
 from lerobot_act_chunking.cli.progress import shown
 
 
 def motion_command(
     policy_path: Annotated[str, typer.Argument(help="Checkpoint folder (…/pretrained_model) or repo id.")],
-    task: Annotated[
-        str, typer.Option(help="The task to run, as insertion or FetchPush-v4.")
-    ] = "transfer_cube",
+    env: Fields = None,
+    task: Task = None,
+    success: Success = None,
     seed: Annotated[int, typer.Option(help="Seed of the episode.")] = 1000,
-    success: Annotated[
-        str | None,
-        typer.Option(
-            help="Success rule: ALOHA's touch or hold, gymnasium-robotics' any or final. \\[default: the "
-            "first]"
-        ),
-    ] = None,
     out: Annotated[Path, typer.Option(*OUT, help="The PNG to write.")] = Path("motion.png"),
 ) -> None:
-    """Run one episode of a checkpoint and draw frames, actions, grippers and reward."""
+    """Run one episode of a checkpoint and draw frames, actions, grippers and reward.
+
+    Without an environment it runs transfer_cube.
+    """
     from lerobot_act_chunking.diagnostics.motion import plot_motion, record_motion
 
-    with shown(f"running {task}") as progress:
-        motion = record_motion(policy_path, task=task, seed=seed, success=success, progress=progress)
+    environment = environment_to_run(env, task, success)
+    with shown(f"running {environment.name}") as progress:
+        motion = record_motion(policy_path, environment, seed=seed, progress=progress)
     if motion.untrained is not None:
         Console().print(f"[yellow]untrained:[/] {escape(motion.untrained)}", highlight=False, soft_wrap=True)
     Console().print(f"{motion.title} after {len(motion.commands) * motion.dt:.1f} s")

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from lerobot_act_chunking.cli.environment import Fields, Success, Task, environment_to_run
 from lerobot_act_chunking.cli.options import OUT
 from lerobot_act_chunking.cli.reporting import finish
 
@@ -14,18 +15,11 @@ def smoothness_command(
         list[str],
         typer.Argument(help="Checkpoint folders or repo ids, LeRobotDataset folders; compared in one table."),
     ],
-    task: Annotated[
-        str, typer.Option(help="Checkpoints: the task to run, as insertion or FetchPush-v4.")
-    ] = "transfer_cube",
+    env: Fields = None,
+    task: Task = None,
+    success: Success = None,
     episodes: Annotated[int, typer.Option(help="Checkpoints: episodes to run.")] = 50,
     seed: Annotated[int, typer.Option(help="Checkpoints: seed of the first episode.")] = 1000,
-    success: Annotated[
-        str | None,
-        typer.Option(
-            help="Checkpoints: success rule. ALOHA: touch or hold; gymnasium-robotics: any or final. "
-            "\\[default: the first]"
-        ),
-    ] = None,
     n_envs: Annotated[int, typer.Option(help="Checkpoints: episodes that run together.")] = 50,
     replan_interval: Annotated[
         int | None,
@@ -38,7 +32,8 @@ def smoothness_command(
 ) -> None:
     """Measure smoothness: jerk, spectra, jumps at chunk boundaries, chunk disagreement, tracking lag.
 
-    All sources are measured in units of the first one's action standard deviation.
+    All sources are measured in units of the first one's action standard deviation. Without an
+    environment checkpoints run transfer_cube.
     """
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
@@ -48,7 +43,8 @@ def smoothness_command(
     from lerobot_act_chunking.diagnostics.smoothness.settings import EvaluationSpec, Settings
     from lerobot_act_chunking.diagnostics.smoothness.terminal import print_report
 
-    spec = EvaluationSpec(task=task, success=success, episodes=episodes, seed=seed, n_envs=n_envs)
+    environment = environment_to_run(env, task, success)
+    spec = EvaluationSpec(environment, episodes=episodes, seed=seed, n_envs=n_envs)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console()) as bar:
         lines: dict[str, TaskID] = {}

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
+from lerobot_act_chunking.cli.environment import Fields, asked_environment
 from lerobot_act_chunking.cli.options import Json, Picture, parse_numbers
 from lerobot_act_chunking.cli.reporting import finish
 
@@ -34,8 +35,12 @@ def steps_command(
     seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
     success: Annotated[
         str | None,
-        typer.Option(help="Also run this task by number of steps, as FetchPush-v4."),
+        typer.Option(
+            help="Also run this task by number of steps, as FetchPush-v4; short for --env.type=... "
+            "--env.task=NAME."
+        ),
     ] = None,
+    env: Fields = None,
     success_seeds: Annotated[int, typer.Option(min=1, help="Episodes per number of steps.")] = 50,
     json: Json = None,
     out: Picture = None,
@@ -57,7 +62,7 @@ def steps_command(
         samplers=tuple(sampler or ()),
         steps=parse_numbers("steps", steps or None),
         seed=seed,
-        success=success,
+        environment=asked_environment(env, success, short="--success"),
         success_seeds=success_seeds,
     )
     finish(_diagnose(settings), print_report, plot_report, json=json, picture=out)
@@ -77,7 +82,8 @@ def _diagnose(settings: "Settings") -> "StepsReport":
             bar.update(reading, visible=False)
             sampling(done, planned)
 
-        return diagnose(settings, show, _show_on(bar, f"running {settings.success}"))
+        where = "" if settings.environment is None else settings.environment.name
+        return diagnose(settings, show, _show_on(bar, f"running {where}"))
 
 
 def _show_on(bar: Any, description: str) -> Any:

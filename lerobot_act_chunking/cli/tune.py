@@ -2,10 +2,11 @@
 
 import os
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
+from lerobot_act_chunking.cli.environment import Fields, Success, Task, asked_environment
 from lerobot_act_chunking.cli.options import Json, Picture
 from lerobot_act_chunking.cli.progress import shown
 from lerobot_act_chunking.cli.reporting import finish
@@ -13,19 +14,9 @@ from lerobot_act_chunking.cli.reporting import finish
 
 def tune_command(
     checkpoint: Annotated[str, typer.Argument(help="Checkpoint folder (…/pretrained_model) or repo id.")],
-    task: Annotated[
-        str | None, typer.Option(help="A simulated task to measure success in, as insertion or FetchPush-v4.")
-    ] = None,
-    success: Annotated[
-        str | None,
-        typer.Option(help="Its success rule: touch or hold, any or final. \\[default: the first]"),
-    ] = None,
-    env_type: Annotated[
-        str | None, typer.Option(help="Any environment of LeRobot or a plug-in, as for lerobot-eval.")
-    ] = None,
-    env_arg: Annotated[
-        list[str] | None, typer.Option(help="A field of its configuration, as task=lift; may be repeated.")
-    ] = None,
+    env: Fields = None,
+    task: Task = None,
+    success: Success = None,
     dataset: Annotated[
         str | None, typer.Option(help="Without a simulation: folder of a LeRobotDataset to replay. Weaker.")
     ] = None,
@@ -63,10 +54,7 @@ def tune_command(
 
     settings = Settings(
         checkpoint=checkpoint,
-        task=task,
-        success=success,
-        env_type=env_type,
-        env_arguments=dict(map(_argument, env_arg or ())),
+        environment=asked_environment(env, task, success),
         dataset=dataset,
         episodes=episodes if episodes is not None else 10 if dataset is not None else 100,
         minutes=minutes,
@@ -78,18 +66,3 @@ def tune_command(
     with shown("executing in many ways") as progress:
         report = diagnose(settings, progress)
     finish(report, print_report, plot_report, json=json, picture=out)
-
-
-def _argument(text: str) -> tuple[str, Any]:
-    """A field and its value, which is read as YAML."""
-    import yaml
-
-    from lerobot_act_chunking.errors import ConfigurationError
-
-    name, equals, value = text.partition("=")
-    if not (name and equals):
-        raise ConfigurationError(f"--env-arg {text!r} must be a field and its value, as task=lift")
-    try:
-        return name, yaml.safe_load(value)
-    except yaml.YAMLError as error:
-        raise ConfigurationError(f"--env-arg {text!r}: its value cannot be read: {error}") from error

@@ -1,14 +1,23 @@
 """What a policy makes the robot do: one episode, its commands, its motion, its pictures."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
+from lerobot_act_chunking.diagnostics.core.environments import (
+    EnvironmentSpec,
+    action_names,
+    environment_of,
+)
+from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
 from lerobot_act_chunking.diagnostics.core.training import untrained
-from lerobot_act_chunking.policies.loading import load_policy
+from lerobot_act_chunking.diagnostics.core.worlds import episode_length
+from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
+from lerobot_act_chunking.policies.loading import load_policy, read_config
 
 FILMSTRIP_FRAMES = 6
 
@@ -42,46 +51,42 @@ class Motion:
 
 def record_motion(
     policy_path: str,
+    environment: EnvironmentSpec,
     *,
-    task: str,
     seed: int,
-    success: str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Motion:
     """Run one episode of a checkpoint, as ``lerobot-eval`` would.
 
     Args:
-        policy_path: checkpoint folder or repo id of any LeRobot policy trained on a simulated task.
-        task: as ``insertion`` or ``FetchPush-v4``.
+        policy_path: checkpoint folder or repo id of any LeRobot policy.
+        environment: to run it in.
         seed: of the episode.
-        success: the environment's success rule; by default its own default.
         progress: called with the numbers of control steps done and allowed.
 
     Raises:
-        ConfigurationError: no such checkpoint, or cameras that the environment does not have.
+        ConfigurationError: no such checkpoint, or an environment that cannot be made for it.
         FeatureError: a policy of another robot or control rate.
     """
-    from lerobot_act_chunking.diagnostics.core.environments import environment_of
-    from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
-
+    config = read_config(policy_path)
+    env_config = environment_of(config, environment, policy_path)
     policy = load_policy(policy_path)
-    config = policy.policy.config
-    env_config = environment_of(policy, policy_path, task=task, success=success)
-    every = max(1, env_config.episode_length // 40)
     frames: list[tuple[int, np.ndarray]] = []
 
     def film(_seed: int, step: int, env: Any) -> None:
+        length = episode_length(env_config, env)
         if progress is not None:
-            progress(step + 1, env_config.episode_length)
-        if step % every == 0:
-            frames.append((step, env.render()))
+            progress(step + 1, length)
+        if step % max(1, length // 40) == 0:
+            frames.extend((step, image) for image in _pictures(env))
 
     (rollout,) = roll_out(policy, env_config, [seed], on_step=film)
+    outcome = "success" if rollout.success else "failure"
     return Motion(
-        title=f"{config.type} on {task}, seed {seed}: {'success' if rollout.success else 'failure'}",
+        title=f"{config.type} on {environment.name}, seed {seed}: {outcome}",
         untrained=untrained(policy_path),
         dt=rollout.dt,
-        joint_names=env_config.action_names,
+        joint_names=action_names(env_config, rollout.commands.shape[1], policy_path),
         commands=rollout.commands,
         positions=rollout.positions,
         rewards=rollout.rewards,
@@ -89,6 +94,14 @@ def record_motion(
         replans=[inference.step for inference in rollout.inferences],
         frames=frames,
     )
+
+
+def _pictures(env: Any) -> Iterator[np.ndarray]:
+    """The one of this moment, if the environment can be drawn."""
+    with suppress(NotImplementedError):
+        image = env.render()
+        if image is not None:
+            yield image
 
 
 def plot_motion(motion: Motion, path: Path) -> Path:
@@ -117,15 +130,16 @@ def plot_motion(motion: Motion, path: Path) -> Path:
 
 
 def _groups(joint_names: Sequence[str]) -> dict[str, list[int]]:
-    """Which dimensions share a plot, by its label."""
+    """Which dimensions share a plot, by its label; units are known of ALOHA's alone."""
+    radians, opening = (" [rad]", "\n(1 is open)") if tuple(joint_names) == JOINT_NAMES else ("", "")
     grippers = [joint for joint, name in enumerate(joint_names) if "gripper" in name]
     others = [joint for joint in range(len(joint_names)) if joint not in grippers]
     arms = {
-        f"{side} arm [rad]": [j for j in others if joint_names[j].startswith(side)]
+        f"{side} arm{radians}": [j for j in others if joint_names[j].startswith(side)]
         for side in ("left", "right")
     }
     groups = arms if all(arms.values()) else {"actions": others}
-    return groups | ({"grippers\n(1 is open)": grippers} if grippers else {})
+    return groups | ({f"grippers{opening}": grippers} if grippers else {})
 
 
 def _draw_film(figure: Any, motion: Motion) -> None:

@@ -1,14 +1,16 @@
 """LeRobot's view of gymnasium-robotics' worlds: ``--env.type=gymnasium_robotics``."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, ClassVar
 
 from lerobot.envs.configs import EnvConfig
+from lerobot.utils.constants import OBS_ENV_STATE, OBS_STATE
 
 from lerobot_act_chunking.envs.configuration_simulation import SimulationEnvConfig
 from lerobot_act_chunking.envs.registration import robotics_id
 from lerobot_act_chunking.envs.robotics.options import RoboticsOptions
-from lerobot_act_chunking.envs.robotics.tasks import get_task
+from lerobot_act_chunking.envs.robotics.tasks import TASKS, get_task
 from lerobot_act_chunking.errors import ConfigurationError
 
 
@@ -23,6 +25,7 @@ class RoboticsEnvConfig(RoboticsOptions, SimulationEnvConfig):  # pyright: ignor
         ConfigurationError: an option that cannot work, found before any simulation starts.
     """
 
+    task_names: ClassVar[tuple[str, ...]] = tuple(TASKS)
     fps: int = 0
     """Control steps a second; 0, the default, means the task's, and there is no other choice."""
 
@@ -37,6 +40,15 @@ class RoboticsEnvConfig(RoboticsOptions, SimulationEnvConfig):  # pyright: ignor
         self.episode_length = self.episode_length or task.episode_length
         states = {"agent_pos": len(self.layout.state_names)}
         self.declare_features(len(task.actions), states, len(self.layout.environment_names))
+
+    @classmethod
+    def options_for(cls, config: Any, given: Mapping[str, Any]) -> dict[str, Any]:
+        """As of `SimulationEnvConfig`, with velocities where the policy saw them."""
+        complete = get_task(given.get("task", cls.task))
+        sizes = {OBS_STATE: len(complete.state_names), OBS_ENV_STATE: len(complete.environment_names)}
+        seen = config.input_features
+        velocities = all(seen[key].shape == (size,) for key, size in sizes.items() if key in seen)
+        return super().options_for(config, {"velocities": velocities, **given})
 
     @property
     def action_names(self) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from multiprocessing import get_context
+from typing import Any, ClassVar
 
 import gymnasium as gym
 from lerobot.configs import FeatureType, PolicyFeature
@@ -10,6 +11,7 @@ from lerobot.envs.configs import EnvConfig
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_IMAGES, OBS_STATE, OBS_STR
 
 from lerobot_act_chunking.envs.options import ObservationOptions
+from lerobot_act_chunking.errors import ConfigurationError
 
 _POLICY_KEYS = {
     "agent_pos": OBS_STATE,
@@ -26,6 +28,31 @@ class SimulationEnvConfig(ObservationOptions, EnvConfig):
     ``agent_vel`` ``observation.agent_vel``, ``environment_state`` ``observation.environment_state``, a camera
     ``observation.images.<camera>``.
     """
+
+    task_names: ClassVar[tuple[str, ...]] = ()
+    """Values of ``task`` that commands know without the environment's type."""
+
+    @classmethod
+    def options_for(cls, config: Any, given: Mapping[str, Any]) -> dict[str, Any]:
+        """Options that show a policy what it was trained on; images are rendered fast.
+
+        Args:
+            config: the policy's.
+            given: options that win.
+
+        Raises:
+            ConfigurationError: the policy sees images of several sizes, and none is given.
+        """
+        images = config.image_features
+        if not images:
+            return {"obs_type": "state", "render_quality": "fast", **given}
+        return {
+            "obs_type": "pixels_state" if config.input_features.keys() - images.keys() else "pixels",
+            "cameras": [key.removeprefix(f"{OBS_IMAGES}.") for key in images],
+            "render_quality": "fast",
+            **_image_size(images, given),
+            **given,
+        }
 
     @property
     def package_name(self) -> str:
@@ -66,3 +93,14 @@ class SimulationEnvConfig(ObservationOptions, EnvConfig):
             # Named as in datasets: lerobot-eval's recording looks images up under this very name.
             self.features |= {f"{OBS_IMAGES}.{camera}": image for camera in self.cameras}
         self.features_map = {key: _POLICY_KEYS.get(key, key) for key in self.features}
+
+
+def _image_size(images: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, int]:
+    names = ("observation_height", "observation_width")
+    sizes = {tuple(feature.shape[-2:]) for feature in images.values()}
+    if len(sizes) > 1 and not given.keys() >= set(names):
+        raise ConfigurationError(
+            f"an environment renders one image size, the policy wants {sorted(sizes)}: choose one by "
+            "--env.observation_height and --env.observation_width"
+        )
+    return dict(zip(names, sizes.pop(), strict=True))

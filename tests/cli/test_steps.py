@@ -1,6 +1,7 @@
 """``act-chunking steps`` as a user meets it."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -96,6 +97,31 @@ def test_few_observations_cannot_be_judged(checkpoint, dataset):
     assert main(["steps", checkpoint, "--dataset", dataset, *asked]) == UNDECIDED
 
 
+def test_success_is_measured_in_any_environment(checkpoint, dataset, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(Path(__file__).parents[1] / "diagnostics")
+    numbers = tmp_path / "steps.json"
+    line = ["--env.discover_packages_path=line_environment", "--env.type=line_of_tests", f"--env.width={S}"]
+    asked = ["steps", checkpoint, "--dataset", dataset, "--tolerance", "100", "--observations", "3", *QUICK]
+    asked += [*line, "--success-seeds", "4", "--json", str(numbers)]
+    rates = {}
+    for end in (-9, 9):
+        assert main([*asked, f"--env.ends.success={end}"]) == UNDECIDED
+        cells = json.loads(numbers.read_text())["success"]
+        assert [(cell["n_steps"], cell["episodes"]) for cell in cells] == [(2, 4), (5, 4)]
+        rates[end] = [cell["successes"] for cell in cells]
+    assert rates == {-9: [4, 4], 9: [0, 0]}
+
+
+def test_an_environment_that_does_not_fit_is_refused_before_the_sweep(checkpoint, monkeypatch, capsys):
+    monkeypatch.syspath_prepend(Path(__file__).parents[1] / "diagnostics")
+    line = ["--env.discover_packages_path=line_environment", "--env.type=line_of_tests"]
+    asked = ["steps", checkpoint, "--tolerance", "100", *line]  # without a dataset: that is asked for later
+    assert main([*asked, f"--env.width={S + 1}"]) == REFUSED
+    assert f"trained with {S} numbers of 'observation.state'" in capsys.readouterr().err
+    assert main([*asked, f"--env.width={S}", "--env.task=Circle-v0"]) == REFUSED
+    assert "LeRobot cannot make the environment line_of_tests" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("clip_mode", ["consistent", "lerobot"])
 def test_ddpm_is_swept_with_ddim_in_its_place(dataset, clip_mode, tmp_path, capsys):
     policy = save_checkpoint(
@@ -127,6 +153,7 @@ def test_ddpm_is_swept_with_ddim_in_its_place(dataset, clip_mode, tmp_path, caps
         (["--tolerance", "1", "--sampler", "ddim"], "unknown sampler of flow 'ddim'"),
         (["--tolerance", "1", "--episodes", "0"], "episodes=0 must be at least 1"),
         (["--success", "juggling"], "unknown task 'juggling'"),
+        (["--success", "insertion", "--env.type=pusht"], "--success insertion is short for an environment"),
     ],
 )
 def test_refuses_what_cannot_work(checkpoint, dataset, arguments, message, capsys):

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import mujoco
 import numpy as np
@@ -11,10 +11,10 @@ import numpy as np
 from lerobot_act_chunking.diagnostics.bandwidth.closed_form import ensemble_weights, filter_for
 from lerobot_act_chunking.diagnostics.bandwidth.filter import ROUNDING, start_up_step
 from lerobot_act_chunking.diagnostics.bandwidth.source import Source, read_source
-from lerobot_act_chunking.diagnostics.core.environments import environment_of
+from lerobot_act_chunking.diagnostics.core.environments import environment_of, task_environment
 from lerobot_act_chunking.diagnostics.core.rollouts import OnStep, Rollout, roll_out
-from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES, TASKS
+from lerobot_act_chunking.envs.configuration_envs import AlohaSimEnvConfig
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.number_checks import check_positive
@@ -104,7 +104,8 @@ def study_push(
         raise unknown_choice("task to push in", task, TASKS)
     own = read_source(source.checkpoint, {}).settings
     policy = load_for_execution(source.checkpoint)
-    env_config = environment_of(policy, source.checkpoint, task=task, success="touch")
+    asked = task_environment(task, "touch")
+    env_config = cast(AlohaSimEnvConfig, environment_of(policy.policy.config, asked, source.checkpoint))
     if not 0 <= push_step < env_config.episode_length - 1:
         raise ConfigurationError(
             f"push_step={push_step} is outside the episode: 0 to {env_config.episode_length - 2}"
@@ -175,9 +176,9 @@ def apply_execution(policy: LoadedPolicy, settings: ExecutionSettings) -> None:
 def push_object(step: int, distance: float) -> OnStep:
     """Shift the first object along x [m] during control step ``step``; the next observation shows it."""
 
-    def push(_seed: int, at: int, env: AlohaSimEnv) -> None:
+    def push(_seed: int, at: int, env: Any) -> None:
         if at == step:
-            world = env.world
+            world = env.unwrapped.world
             objects = world.model.nq - len(world.environment_state())
             world.data.qpos[objects] += distance
             mujoco.mj_step1(world.model, world.data)  # pyright: ignore[reportAttributeAccessIssue]

@@ -106,12 +106,12 @@ def roll_out(
 
     Args:
         policy: any LeRobot policy with its processors.
-        env_config: any of LeRobot's; `environment_for` gives the one of this package a policy was trained on.
+        env_config: any of LeRobot's; `environment_of` gives the one that fits a policy.
         seeds: one per episode.
         n_envs: episodes that run together.
         log_chunks: keep every predicted chunk; ``4 T A`` bytes per network call and episode.
-        on_step: called with ``(seed, step, environment)`` when a command is chosen and before it is carried
-            out; what it changes in the world is first seen in the next observation.
+        on_step: called with ``(seed, step, environment)``, wrapped, when a command is chosen and before it is
+            carried out; what it changes in the world is first seen in the next observation.
         progress: called with the number of finished episodes whenever it grows.
 
     Returns:
@@ -203,7 +203,8 @@ class _Episode:
 
 def _positions(env: Any) -> np.ndarray:
     """In the unit of the actions: ALOHA's are joint positions, those of gymnasium-robotics are not."""
-    return env.world.qpos() if isinstance(env, AlohaSimEnv) else np.empty(0)
+    bare = env.unwrapped
+    return bare.world.qpos() if isinstance(bare, AlohaSimEnv) else np.empty(0)
 
 
 def _advance(policy: LoadedPolicy, worlds: Worlds, group: list[_Episode], on_step: OnStep | None) -> bool:

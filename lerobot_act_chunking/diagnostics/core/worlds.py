@@ -5,20 +5,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-import draccus
-import gymnasium as gym
 import numpy as np
-from draccus.utils import DraccusException
 from lerobot.envs import utils
 from lerobot.envs.configs import EnvConfig
 from lerobot.envs.factory import make_env, make_env_pre_post_processors
-from lerobot.envs.utils import env_to_policy_features
 from lerobot.utils.constants import ACTION
-from lerobot.utils.import_utils import register_third_party_plugins
 
-from lerobot_act_chunking.diagnostics.core.compatibility import check_features
-from lerobot_act_chunking.diagnostics.core.environments import OTHER_ROBOT, EnvironmentConfig
-from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
+from lerobot_act_chunking.errors import ActChunkingError, ConfigurationError
 
 _THAW = getattr(utils, "NEW_ROLLOUT_OPTION", None)
 """The option that tells LeRobot's environments that an episode begins, where they ask for it."""
@@ -29,69 +22,86 @@ class Worlds:
     """Environments that run together.
 
     Attributes:
-        envs: single environments.
+        vector: that holds them; older Gymnasiums close them once it is gone.
         episode_length: control steps after which an episode is cut.
         reset_options: for ``reset``.
         before: the environment's own processor of observations, before the policy's.
         after: of actions (B, A), behind the policy's.
     """
 
-    envs: list[Any]
+    vector: Any
     episode_length: int
-    reset_options: dict[str, Any] | None = None
-    before: Callable[[dict[str, Any]], dict[str, Any]] = lambda observation: observation
-    after: Callable[[Any], Any] = lambda actions: actions
+    reset_options: dict[str, Any] | None
+    before: Callable[[dict[str, Any]], dict[str, Any]]
+    after: Callable[[Any], Any]
+
+    @property
+    def envs(self) -> list[Any]:
+        """Single environments."""
+        return list(self.vector.envs)
 
     def close(self) -> None:
         """Close all environments."""
-        for env in self.envs:
-            env.close()
+        self.vector.close()
 
 
 def open_worlds(env_config: EnvConfig, n: int, policy_config: Any) -> Worlds:
-    """Make ``n`` single environments.
-
-    Those of this package come bare; all others are made by LeRobot, with their own processors.
+    """Let LeRobot make ``n`` single environments, with their own processors.
 
     Raises:
         ConfigurationError: a suite of several tasks, or an environment that cannot be made here.
     """
-    if isinstance(env_config, EnvironmentConfig):
-        make = (env_config.gym_id, env_config.gym_kwargs)
-        envs = [gym.make(make[0], disable_env_checker=True, **make[1]).unwrapped for _ in range(n)]
-        return Worlds(envs, env_config.episode_length)
-    envs = _made_by_lerobot(env_config, n)
-    length = getattr(env_config, "episode_length", None) or envs[0].get_wrapper_attr("_max_episode_steps")
+    vector = _made_by_lerobot(env_config, n)
     before, after = make_env_pre_post_processors(
         env_config, getattr(policy_config, "inner_config", policy_config)
     )
     return Worlds(
-        envs=envs,
-        episode_length=length,
+        vector=vector,
+        episode_length=episode_length(env_config, vector.envs[0]),
         reset_options=None if _THAW is None else {_THAW: True},
         before=before,
         after=lambda actions: after({ACTION: actions})[ACTION],
     )
 
 
-def _made_by_lerobot(env_config: EnvConfig, n: int) -> list[Any]:
+def episode_length(env_config: EnvConfig, env: Any) -> int:
+    """Control steps after which an episode of a single environment is cut.
+
+    Raises:
+        ConfigurationError: neither the environment nor its configuration knows.
+    """
+    length = getattr(env_config, "episode_length", None)
+    if length:
+        return length
+    try:
+        return env.get_wrapper_attr("_max_episode_steps")
+    except AttributeError as error:
+        raise ConfigurationError(
+            f"the environment {env_config.type} does not say how long an episode is (_max_episode_steps): "
+            "register it with gym.register(..., max_episode_steps=...)"
+        ) from error
+
+
+def _made_by_lerobot(env_config: EnvConfig, n: int) -> Any:
     try:
         suites = make_env(env_config, n_envs=n, use_async_envs=False)
-    except (ImportError, RuntimeError, ValueError, gym.error.Error) as error:
+    except ActChunkingError:
+        raise
+    except Exception as error:  # whatever simulators and their constructors raise
         raise ConfigurationError(
-            f"LeRobot cannot make the environment {env_config.type}: {error}; install what it needs, or "
-            "correct its --env-arg"
+            f"LeRobot cannot make the environment {env_config.type} ({type(error).__name__}: {error}): "
+            "install what it needs, or correct its --env options"
         ) from error
     tasks = {f"{suite} {task}": vector for suite, of in suites.items() for task, vector in of.items()}
     if len(tasks) != 1:
         for vector in tasks.values():
             vector.close()
         raise ConfigurationError(
-            f"the environment {env_config.type} has {len(tasks)} tasks ({', '.join(tasks)}): choose one with "
-            "--env-arg, as in task=... or task_ids=[0]"
+            f"the environment {env_config.type} has {len(tasks)} tasks ({', '.join(tasks)}): choose one, as "
+            "by --env.task=... or --env.task_ids=[0]"
         )
     (vector,) = tasks.values()
-    return list(vector.envs)  # pyright: ignore[reportAttributeAccessIssue]  (a SyncVectorEnv)
+    return vector
 
 
 def task_description(env: Any) -> str:
@@ -102,17 +112,21 @@ def task_description(env: Any) -> str:
     return ""
 
 
+def failure_of(env: Any) -> str | None:
+    """How the present episode failed, from any environment with an attribute ``failure``.
+
+    Returns:
+        Its label; None where the episode has succeeded, or the environment cannot tell.
+    """
+    with suppress(AttributeError):
+        return env.get_wrapper_attr("failure")
+    return None
+
+
 def succeeded(info: Mapping[str, Any]) -> bool:
     """Whether a step's ``info`` says so; one without an answer says no."""
     final = info.get("final_info")
     return bool((final if isinstance(final, Mapping) else info).get("is_success", False))
-
-
-def failure_of(env: Any) -> str | None:
-    """What went wrong in the present episode, of an environment with an attribute ``failure``."""
-    with suppress(AttributeError):
-        return env.get_wrapper_attr("failure")
-    return None
 
 
 def rules_of(info: Mapping[str, Any]) -> dict[str, bool]:
@@ -124,39 +138,3 @@ def rules_of(info: Mapping[str, Any]) -> dict[str, bool]:
         for name, value in said.items()
         if "success" in name and isinstance(value, bool | int | float | np.bool_ | np.number)
     }
-
-
-def make_env_config(env_type: str, arguments: Mapping[str, Any]) -> EnvConfig:
-    """The configuration of any environment that LeRobot or a plug-in knows, as ``--env.type`` makes it.
-
-    Args:
-        env_type: its name.
-        arguments: fields of its configuration.
-
-    Raises:
-        ConfigurationError: an unknown name, or arguments that it does not take.
-    """
-    register_third_party_plugins()
-    types = EnvConfig.get_known_choices()
-    if env_type not in types:
-        raise unknown_choice("environment type", env_type, sorted(types))
-    try:
-        return draccus.decode(EnvConfig.get_choice_class(env_type), dict(arguments))
-    except DraccusException as error:
-        raise ConfigurationError(
-            f"--env-arg of the environment {env_type}: {error}; give fields of its configuration"
-        ) from error
-
-
-def check_sees_what_it_needs(config: Any, env_config: EnvConfig) -> None:
-    """Refuse an environment whose observations or actions are not the policy's, as far as can be told.
-
-    An environment with processors of its own may rename what it observes: there the policy finds out.
-
-    Raises:
-        FeatureError: naming the key and both sizes.
-    """
-    if any(pipeline.steps for pipeline in env_config.get_env_processors()):
-        return
-    shapes = {key: feature.shape for key, feature in env_to_policy_features(env_config).items()}
-    check_features(config, shapes, f"the environment {env_config.type}", OTHER_ROBOT)

@@ -1,8 +1,9 @@
 """What is asked: which sources, and which episodes of checkpoints."""
 
 from dataclasses import dataclass, field
+from functools import partial
 
-from lerobot_act_chunking.diagnostics.core.environments import check_task
+from lerobot_act_chunking.diagnostics.core.environments import EnvironmentSpec, task_environment
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.number_checks import check_at_least
 
@@ -12,11 +13,10 @@ class EvaluationSpec:
     """Which episodes a checkpoint is run for.
 
     Raises:
-        ConfigurationError: too few episodes or environments, or an unknown task.
+        ConfigurationError: too few episodes or environments.
     """
 
-    task: str = "transfer_cube"
-    success: str | None = None
+    environment: EnvironmentSpec = field(default_factory=partial(task_environment, "transfer_cube"))
     episodes: int = 50
     seed: int = 1000
     n_envs: int = 50
@@ -25,7 +25,6 @@ class EvaluationSpec:
         if self.episodes < 2:
             raise ConfigurationError(f"episodes={self.episodes}: smoothness needs at least 2")
         check_at_least(1, n_envs=self.n_envs)
-        check_task(self.task)
 
 
 @dataclass(frozen=True)

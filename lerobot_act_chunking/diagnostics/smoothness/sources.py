@@ -12,7 +12,7 @@ from lerobot.utils.constants import ACTION, OBS_STATE
 from lerobot_act_chunking.data.actions import episode_starts
 from lerobot_act_chunking.data.dimension_names import dimension_names
 from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
-from lerobot_act_chunking.diagnostics.core.environments import environment_of
+from lerobot_act_chunking.diagnostics.core.environments import action_names, environment_of
 from lerobot_act_chunking.diagnostics.core.noise_floor import NoiseFloor, measure_noise
 from lerobot_act_chunking.diagnostics.core.rollouts import Inference, Rollout, roll_out
 from lerobot_act_chunking.diagnostics.core.training import untrained
@@ -20,7 +20,7 @@ from lerobot_act_chunking.diagnostics.smoothness.settings import EvaluationSpec
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
 from lerobot_act_chunking.errors import DatasetError, FeatureError
 from lerobot_act_chunking.number_checks import check_at_least
-from lerobot_act_chunking.policies.loading import LoadedPolicy, load_policy
+from lerobot_act_chunking.policies.loading import LoadedPolicy, load_policy, read_config
 
 EVALUATED = "agent_pos"
 POSITIONS = (OBS_STATE, EVALUATED)
@@ -78,17 +78,17 @@ def run_checkpoint(path: str, spec: EvaluationSpec, progress: Progress | None = 
         progress: called with the number of finished episodes.
 
     Raises:
-        ConfigurationError: no such checkpoint.
+        ConfigurationError: no such checkpoint, or an environment that cannot be made for it.
         FeatureError: a policy for another robot or control rate.
     """
+    env_config = environment_of(read_config(path), spec.environment, path)
     policy = load_policy(path)
-    env_config = environment_of(policy, path, task=spec.task, success=spec.success)
     seeds = range(spec.seed, spec.seed + spec.episodes)
     rollouts = roll_out(policy, env_config, seeds, n_envs=spec.n_envs, progress=progress)
     std = action_std(policy)
     return Source(
         rollouts=rollouts,
-        joint_names=env_config.action_names,
+        joint_names=action_names(env_config, rollouts[0].commands.shape[1], path),
         action_std=_std_of(rollouts) if std is None else std,
         latency_steps=getattr(policy.policy.config, "latency_steps", 0),
         notes=tuple(filter(None, [untrained(path)])),

@@ -2,11 +2,14 @@
 
 from typing import Any
 
+from lerobot.envs.configs import EnvConfig
 from lerobot.utils.constants import ACTION
 
+from lerobot_act_chunking.diagnostics.core.environments import environment_of
 from lerobot_act_chunking.diagnostics.core.measures import measure_of
 from lerobot_act_chunking.diagnostics.core.report import with_untrained
 from lerobot_act_chunking.diagnostics.core.training import dataset_features, read_training, untrained
+from lerobot_act_chunking.diagnostics.core.worlds import open_worlds
 from lerobot_act_chunking.diagnostics.steps.grid import Cell, make_grid
 from lerobot_act_chunking.diagnostics.steps.measuring import Progress, Scale, run_sweep
 from lerobot_act_chunking.diagnostics.steps.notes import notes_on
@@ -41,15 +44,16 @@ def diagnose(
         running: called with episodes done and planned, if any are run.
 
     Raises:
-        ConfigurationError: a checkpoint without steps, settings that make no sense, or no tolerance for
-            actions that are not ALOHA's.
+        ConfigurationError: a checkpoint without steps, settings that make no sense, an environment that
+            cannot be made, or no tolerance for actions that are not ALOHA's.
         DatasetError: no usable dataset.
-        FeatureError: the dataset lacks what the policy observes.
+        FeatureError: the dataset or the environment lacks what the policy observes.
     """
     check_positive(tolerance=settings.tolerance)
     _check_tolerance(settings)
     policy = load_steppable(settings.checkpoint)
     config = policy.policy.config
+    env_config = _environment(settings, config)
     configured = own_cell(config)
     grid = make_grid(policy.policy.process, configured, samplers=settings.samplers, steps=settings.steps)
     n_steps = executed_steps(config.execution_settings)
@@ -76,7 +80,7 @@ def diagnose(
         sweep=sweep,
         judgement=judgement,
         notes=notes_on(sweep, judgement, held_out, configured, grid.own),
-        success=_success(settings, grid.own, sweep, running),
+        success=None if env_config is None else _success(settings, env_config, grid.own, sweep, running),
     )
 
 
@@ -101,15 +105,22 @@ def _as_executed(config: Any, n_steps: int) -> dict[str, Any]:
     return {**{name: getattr(config, name) for name in names}, "executed_steps": n_steps}
 
 
-def _success(
-    settings: Settings, own: Cell, sweep: Sweep, running: Progress | None
-) -> list[SuccessOfCell] | None:
-    if settings.success is None:
+def _environment(settings: Settings, config: Any) -> EnvConfig | None:
+    """Made once at the start: what is missing shows before the sweep, not after it."""
+    if settings.environment is None:
         return None
+    env_config = environment_of(config, settings.environment, settings.checkpoint)
+    open_worlds(env_config, 1, config).close()
+    return env_config
+
+
+def _success(
+    settings: Settings, env_config: EnvConfig, own: Cell, sweep: Sweep, running: Progress | None
+) -> list[SuccessOfCell]:
     return success_by_steps(
         settings.checkpoint,
         cells_to_run(own, [result.cell for result in sweep.cells]),
-        task=settings.success,
+        env_config,
         seeds=range(FIRST_SEED, FIRST_SEED + settings.success_seeds),
         progress=running,
     )

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from lerobot_act_chunking.diagnostics.core.environments import check_task
+from lerobot_act_chunking.diagnostics.core.environments import EnvironmentSpec
 from lerobot_act_chunking.diagnostics.core.measures import Measure
 from lerobot_act_chunking.errors import ConfigurationError
 
@@ -22,11 +22,8 @@ class Settings:
         samplers: which to sweep; all by default.
         steps: step counts; `grid.STEPS` by default.
         seed: of the noise.
-        success: a simulated task to run by number of steps, too; None for none.
-        success_seeds: episodes of it per number of steps.
-
-    Raises:
-        ConfigurationError: a task of no environment.
+        environment: to run by number of steps, too; None for none.
+        success_seeds: episodes in it per number of steps.
     """
 
     checkpoint: str
@@ -37,12 +34,8 @@ class Settings:
     samplers: tuple[str, ...] = ()
     steps: tuple[int, ...] = ()
     seed: int = 0
-    success: str | None = None
+    environment: EnvironmentSpec | None = None
     success_seeds: int = 50
-
-    def __post_init__(self) -> None:
-        if self.success is not None:
-            check_task(self.success)
 
 
 def tolerance_of(requested: float | None, measure: Measure) -> float:

@@ -4,7 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from lerobot_act_chunking.diagnostics.core.environments import environment_of
+from lerobot.envs.configs import EnvConfig
+
 from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
 from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate
 from lerobot_act_chunking.diagnostics.steps.grid import Cell
@@ -28,8 +29,8 @@ class SuccessOfCell:
 def success_by_steps(
     checkpoint: str,
     cells: Sequence[Cell],
+    env_config: EnvConfig,
     *,
-    task: str,
     seeds: Sequence[int],
     progress: Callable[[int, int], None] | None = None,
 ) -> list[SuccessOfCell]:
@@ -38,17 +39,12 @@ def success_by_steps(
     Args:
         checkpoint: a `diffusion_chunked` checkpoint.
         cells: what to sample with.
-        task: of any simulated environment.
+        env_config: of the environment to run.
         seeds: one per episode.
         progress: called with the numbers of episodes finished and planned.
-
-    Raises:
-        ConfigurationError: an unknown task.
-        FeatureError: a policy for another robot or control rate.
     """
     policy = load_policy(checkpoint)
     config = policy.policy.config
-    env_config = environment_of(policy, checkpoint, task=task)
     found = []
     for done, cell in enumerate(cells):
         config.sampler, config.num_inference_steps = cell.sampler, cell.n_steps

@@ -8,10 +8,9 @@ from typing import Any
 from lerobot.envs.configs import EnvConfig
 
 from lerobot_act_chunking.diagnostics.core.digests import environment_identity
-from lerobot_act_chunking.diagnostics.core.environments import environment_of
+from lerobot_act_chunking.diagnostics.core.environments import EnvironmentSpec, environment_of
 from lerobot_act_chunking.diagnostics.core.report import with_untrained
 from lerobot_act_chunking.diagnostics.core.training import untrained
-from lerobot_act_chunking.diagnostics.core.worlds import check_sees_what_it_needs, make_env_config
 from lerobot_act_chunking.diagnostics.tune.candidates import Candidate
 from lerobot_act_chunking.diagnostics.tune.measuring import CandidateCell, Episodes, make_runner
 from lerobot_act_chunking.diagnostics.tune.racing import race
@@ -22,7 +21,6 @@ from lerobot_act_chunking.diagnostics.tune.store import Store
 from lerobot_act_chunking.diagnostics.tune.subject import Subject, digest, read_subject
 from lerobot_act_chunking.diagnostics.tune.verdict import TuneJudgement, judge_race, judge_replay
 from lerobot_act_chunking.diagnostics.tune.writing import changes, check_writable, wrap_command, write
-from lerobot_act_chunking.policies.loading import LoadedPolicy
 
 Progress = Callable[[int, int], None]
 
@@ -44,8 +42,10 @@ def diagnose(settings: Settings, progress: Progress | None = None) -> TuneReport
     if settings.write:
         check_writable(subject)
     clock = Clock(started + 60 * settings.minutes, progress)
-    measure = _replayed if settings.dataset is not None else _raced
-    report = measure(settings, subject, subject.load(), clock)
+    if settings.environment is None:
+        report = _replayed(settings, subject, clock)
+    else:
+        report = _raced(settings, subject, settings.environment, clock)
     if settings.write and report.changes:
         write(settings.checkpoint, report.changes)
         report = replace(report, written=True)
@@ -77,8 +77,9 @@ class Clock:
             self.progress(self.done, self.planned)
 
 
-def _raced(settings: Settings, subject: Subject, policy: LoadedPolicy, clock: Clock) -> TuneReport:
-    env_config = _environment(settings, subject, policy)
+def _raced(settings: Settings, subject: Subject, environment: EnvironmentSpec, clock: Clock) -> TuneReport:
+    env_config = environment_of(subject.config, environment, settings.checkpoint)
+    policy = subject.load()
     store = Store(_question(settings, subject, env_config), settings.output_dir)
     episodes = Episodes(subject, env_config, settings.seed)
     with make_runner(episodes, settings.workers, policy) as runner:
@@ -96,19 +97,11 @@ def _raced(settings: Settings, subject: Subject, policy: LoadedPolicy, clock: Cl
         settings,
         subject,
         with_untrained(judgement, untrained(settings.checkpoint)),
-        where=settings.task or settings.env_type or "",
+        where=environment.name,
         fps=env_config.fps,
         race=found,
         folder=store.folder,
     )
-
-
-def _environment(settings: Settings, subject: Subject, policy: LoadedPolicy) -> Any:
-    if settings.task is not None:
-        return environment_of(policy, settings.checkpoint, task=settings.task, success=settings.success)
-    env_config = make_env_config(settings.env_type or "", settings.env_arguments)
-    check_sees_what_it_needs(subject.config, env_config)
-    return env_config
 
 
 def _question(settings: Settings, subject: Subject, env_config: EnvConfig) -> dict[str, Any]:
@@ -120,10 +113,11 @@ def _question(settings: Settings, subject: Subject, env_config: EnvConfig) -> di
     }
 
 
-def _replayed(settings: Settings, subject: Subject, policy: LoadedPolicy, clock: Clock) -> TuneReport:
+def _replayed(settings: Settings, subject: Subject, clock: Clock) -> TuneReport:
     folder = settings.dataset or ""
     held_out = hold_out(folder, settings.checkpoint, subject.config, settings.episodes)
     found: dict[Candidate, Replay] = {}
+    policy = subject.load()
     clock.advance(planned=len(subject.candidates))
     for candidate in subject.candidates:
         if not clock.may_begin():

@@ -17,7 +17,7 @@ SAME_DISTANCE = 1.02
 WEAKER = (
     "replay compares actions at the demonstrator's observations and runs no episode: a policy that stalls or "
     "drifts looks good in it, and frequent replanning looks better than it is; measure success where you can "
-    "(--task, --env-type)"
+    "(--task, --env.type)"
 )
 
 

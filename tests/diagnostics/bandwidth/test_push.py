@@ -73,8 +73,8 @@ def checkpoint(folder, type_="act_chunked", **settings):
 
 @pytest.fixture
 def short_episodes(monkeypatch):
-    def short(policy, path, **options):
-        return dataclasses.replace(environment_of(policy, path, **options), episode_length=STEPS)
+    def short(*asked):
+        return dataclasses.replace(environment_of(*asked), episode_length=STEPS)
 
     monkeypatch.setattr(push_module, "environment_of", short)
 

@@ -8,11 +8,12 @@ from lerobot.configs import FeatureType, PolicyFeature
 from small_policies import STATE, make_policy, save
 
 from lerobot_act_chunking.cli.main import main
-from lerobot_act_chunking.diagnostics.core.environments import environment_of
+from lerobot_act_chunking.diagnostics.core.environments import environment_of, task_environment
 from lerobot_act_chunking.diagnostics.core.report import Judgement, with_untrained
 from lerobot_act_chunking.diagnostics.core.training import hardly_learned, read_training, untrained
 from lerobot_act_chunking.errors import ConfigurationError, FeatureError
 
+CUBE = task_environment("transfer_cube")
 OTHER = {"observation.state": PolicyFeature(FeatureType.STATE, (9,))}
 
 
@@ -62,18 +63,24 @@ def test_another_robot_s_policy_is_refused_by_its_sizes(tmp_path, capsys, comman
     path = save(make_policy(inputs=OTHER, start=torch.zeros(5)), tmp_path / "policy")
     assert main([command, path]) == 1
     told = capsys.readouterr().err
-    assert "trained with 9 numbers of 'observation.state', the task transfer_cube has 14 numbers" in told
+    assert (
+        "trained with 9 numbers of 'observation.state', the environment transfer_cube has 14 numbers" in told
+    )
 
 
 def test_a_missing_observation_and_another_rate_are_named(tmp_path):
     strange = {**STATE, "observation.force": PolicyFeature(FeatureType.STATE, (3,))}
     policy = make_policy(inputs=strange)
-    with pytest.raises(FeatureError, match=r"needs 'observation\.force', but the task transfer_cube has "):
-        environment_of(policy, "nowhere", task="transfer_cube")
+    with pytest.raises(
+        FeatureError, match=r"needs 'observation\.force', but the environment transfer_cube has "
+    ):
+        environment_of(policy.policy.config, CUBE)
     slow = make_policy(fps=30)
-    with pytest.raises(FeatureError, match=r"trained at 30 control steps a second, the task .* runs at 50"):
-        environment_of(slow, "nowhere", task="transfer_cube")
-    assert environment_of(make_policy(fps=50), "nowhere", task="transfer_cube").fps == 50
+    with pytest.raises(
+        FeatureError, match=r"trained at 30 control steps a second, the environment .* runs at 50"
+    ):
+        environment_of(slow.policy.config, CUBE)
+    assert environment_of(make_policy(fps=50).policy.config, CUBE).fps == 50
 
 
 def test_the_rate_is_that_of_the_training_data(tmp_path):

@@ -10,7 +10,7 @@ from lerobot.scripts.lerobot_eval import rollout as lerobot_rollout
 from policy_cases import MODULES
 from small_policies import CAMERA, CHUNK, JOINTS, OURS, START, make_policy
 
-from lerobot_act_chunking.diagnostics.core.environments import environment_for
+from lerobot_act_chunking.diagnostics.core.environments import environment_of, task_environment
 from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
 from lerobot_act_chunking.envs.aloha.tasks import sample_object_pose, stock_generator
 from lerobot_act_chunking.envs.configuration_envs import AlohaSimEnvConfig
@@ -68,7 +68,7 @@ def test_robotics_worlds_are_rolled_out_as_by_lerobot_eval(velocities, sizes):
         "observation.environment_state": PolicyFeature(FeatureType.ENV, sizes[1:]),
     }
     policy = make_policy(inputs=inputs, start=torch.tensor([0.5, -0.3, 0.2, 0.0]), n_action_steps=5)
-    config = environment_for(policy.policy.config, task="FetchPush-v4", success="final")
+    config = environment_of(policy.policy.config, task_environment("FetchPush-v4", "final"))
     assert config.velocities is velocities
     config = replace(config, episode_length=6)
     theirs = by_lerobot(policy, config, SEEDS)
@@ -96,7 +96,7 @@ def test_positions_are_those_before_each_command():
         make_policy(),
         short(),
         [1000],
-        on_step=lambda seed, step, env: seen.append((seed, step, env.world.qpos())),
+        on_step=lambda seed, step, env: seen.append((seed, step, env.unwrapped.world.qpos())),
     )
     assert [(seed, step) for seed, step, _ in seen] == [(1000, step) for step in range(STEPS)]
     np.testing.assert_array_equal(rollout.positions, [qpos for *_, qpos in seen])
@@ -202,60 +202,3 @@ def test_what_a_policy_draws_follows_from_the_episodes_seed():
 def test_nothing_to_run_is_refused(seeds, n_envs):
     with pytest.raises(ConfigurationError, match=f"got {len(seeds)} and n_envs={n_envs}"):
         roll_out(make_policy(), short(), seeds, n_envs=n_envs)
-
-
-class Features:
-    """The part of a policy configuration that decides which environment it needs."""
-
-    def __init__(self, images: dict[str, tuple[int, ...]], others: tuple[str, ...] = (), **vectors: int):
-        self.image_features = {key: Shape(shape) for key, shape in images.items()}
-        sizes = {f"observation.{name}": Shape((size,)) for name, size in vectors.items()}
-        self.input_features = {**self.image_features, **dict.fromkeys(others), **sizes}
-
-
-class Shape:
-    def __init__(self, shape):
-        self.shape = shape
-
-
-def test_the_environment_gives_what_the_policy_was_trained_on():
-    state = environment_for(Features({}, ("observation.state",)), task="insertion", success="hold")
-    assert (state.task, state.success, state.obs_type, state.agent_vel) == (
-        "insertion",
-        "hold",
-        "state",
-        False,
-    )
-
-    moving = environment_for(Features({}, ("observation.agent_vel",)), task="transfer_cube", success="touch")
-    assert moving.agent_vel
-
-    images = {"observation.images.top": (3, 60, 80), "observation.images.angle": (3, 60, 80)}
-    seeing = environment_for(Features(images, ("observation.state",)), task="transfer_cube", success="touch")
-    assert (seeing.obs_type, list(seeing.cameras)) == ("pixels_state", ["top", "angle"])
-    assert (seeing.observation_height, seeing.observation_width) == (60, 80)
-    assert environment_for(Features(images), task="transfer_cube", success="touch").obs_type == "pixels"
-
-
-@pytest.mark.parametrize(
-    ("task", "vectors", "velocities"),
-    [
-        ("FetchPush-v4", {"state": 10, "environment_state": 18}, True),
-        ("FetchPush-v4", {"state": 5, "environment_state": 12}, False),
-        ("AdroitHandHammer-v1", {"state": 29, "environment_state": 17}, True),
-        ("AdroitHandHammer-v1", {"state": 29, "environment_state": 11}, False),
-    ],
-)
-def test_robotics_worlds_show_velocities_to_policies_that_saw_them(task, vectors, velocities):
-    config = environment_for(Features({}, **vectors), task=task, success="final")
-    assert (config.task, config.success, config.velocities) == (task, "final", velocities)
-    shapes = {key: feature.shape for key, feature in config.features.items()}
-    assert shapes["environment_state"] == (vectors["environment_state"],)
-
-
-def test_cameras_of_two_sizes_are_refused():
-    images = {"observation.images.top": (3, 60, 80), "observation.images.angle": (3, 30, 40)}
-    with pytest.raises(
-        ConfigurationError, match=r"one image size, the policy wants \[\(30, 40\), \(60, 80\)\]"
-    ):
-        environment_for(Features(images), task="transfer_cube", success="touch")

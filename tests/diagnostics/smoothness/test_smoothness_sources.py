@@ -8,7 +8,7 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.scripts.lerobot_eval import rollout as lerobot_rollout
 from small_policies import JOINTS, make_policy, save
 
-from lerobot_act_chunking.diagnostics.core.environments import environment_for
+from lerobot_act_chunking.diagnostics.core.environments import environment_of, task_environment
 from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
 from lerobot_act_chunking.diagnostics.smoothness.comparison import compare, source_names
 from lerobot_act_chunking.diagnostics.smoothness.settings import EvaluationSpec
@@ -72,9 +72,9 @@ def test_a_checkpoint_is_run_as_roll_out_runs_it(tmp_path):
     policy = make_policy(n_action_steps=5, latency_steps=0)
     path = save(policy, tmp_path / "policy")
     finished = []
-    spec = EvaluationSpec(task="transfer_cube", episodes=2, seed=1003)
+    spec = EvaluationSpec(task_environment("transfer_cube"), episodes=2, seed=1003)
     source = run_checkpoint(path, spec, finished.append)
-    env_config = environment_for(policy.policy.config, task="transfer_cube", success="touch")
+    env_config = environment_of(policy.policy.config, task_environment("transfer_cube", "touch"))
     expected = roll_out(policy, env_config, [1003, 1004])
     for one, other in zip(source.rollouts, expected, strict=True):
         np.testing.assert_array_equal(one.commands, other.commands)
@@ -197,7 +197,5 @@ def test_settings_that_make_no_sense_are_refused(tmp_path):
         EvaluationSpec(episodes=1)
     with pytest.raises(ConfigurationError, match="replan_interval=5 is for datasets"):
         compare([save(make_policy(), tmp_path / "policy")], EvaluationSpec(), replan_interval=5)
-    with pytest.raises(ConfigurationError, match="unknown task 'juggle'"):
-        compare([save(make_policy(), tmp_path / "policy")], EvaluationSpec(task="juggle"))
     with pytest.raises(ConfigurationError, match=r"there is no checkpoint at \./nowhere"):
         compare(["./nowhere"], EvaluationSpec())

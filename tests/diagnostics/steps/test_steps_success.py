@@ -23,7 +23,6 @@ def acted(monkeypatch):
 
     policy = SimpleNamespace(policy=SimpleNamespace(config=config))
     monkeypatch.setattr(success, "load_policy", lambda checkpoint: policy)
-    monkeypatch.setattr(success, "environment_of", lambda policy, path, task: task)
     monkeypatch.setattr(success, "roll_out", roll_out)
     return acted
 
@@ -32,7 +31,7 @@ def test_every_cell_runs_the_same_episodes(acted):
     cells, finished = [Cell("ddim", 2, "trailing"), Cell("euler", 3)], []
     seeds = range(1000, 1010)
     found = success_by_steps(
-        "policy", cells, task="insertion", seeds=seeds, progress=lambda *at: finished.append(at)
+        "policy", cells, "insertion", seeds=seeds, progress=lambda *at: finished.append(at)
     )
     assert [(each.rate.successes, each.rate.episodes) for each in found] == [(3, 10), (4, 10)]
     assert [each.cell for each in found] == cells

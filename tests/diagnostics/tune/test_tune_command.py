@@ -13,7 +13,7 @@ from lerobot_act_chunking.cli.main import main
 from lerobot_act_chunking.diagnostics.tune.store import FILE
 
 PASSED, REFUSED, UNDECIDED = 0, 1, 10
-SHORT = ["--env-type", "aloha_sim", "--env-arg", "obs_type=state", "--env-arg", "episode_length=3"]
+SHORT = ["--env.type=aloha_sim", "--env.obs_type=state", "--env.episode_length=3"]
 STATE = {"observation.state": PolicyFeature(FeatureType.STATE, (2,))}
 
 
@@ -58,6 +58,11 @@ def test_a_race_of_untrained_policies_is_undecided_and_kept(checkpoint, tmp_path
     assert (kept / FILE).read_bytes() == before
 
 
+def test_the_options_that_went_are_usage_errors(checkpoint, capsys):
+    assert main(["tune", checkpoint, "--env-type", "pusht"]) == 2
+    assert "No such option: --env-type" in capsys.readouterr().err
+
+
 def test_no_time_means_no_choice(checkpoint, tmp_path, capsys):
     asked = ["--task", "transfer_cube", "--minutes", "1e-9", "--workers", "1", "--output-dir", str(tmp_path)]
     assert main(["tune", checkpoint, *asked]) == UNDECIDED
@@ -84,12 +89,12 @@ def test_replay_without_an_environment(dataset, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "tune measures by --task, --env-type or --dataset, got none"),
-        (["--task", "insertion", "--dataset", "x"], "got --task and --dataset"),
+        ([], "tune measures in an environment or by a dataset, got none: give --task"),
+        (["--task", "insertion", "--dataset", "x"], "got both: give --task"),
         (["--task", "juggle"], "unknown task 'juggle'; choose one of"),
-        (["--env-type", "moon"], "unknown environment type 'moon'; choose one of"),
-        ([*SHORT, "--env-arg", "obs_type"], "'obs_type' must be a field and its value"),
-        (["--task", "insertion", "--env-arg", "a=1"], "--env-arg a=... belongs to --env-type"),
+        (["--env.type=moon"], "unknown environment type 'moon'; choose one of"),
+        ([*SHORT, "--env.obs_tpye=state"], "aloha_sim has no --env.obs_tpye; did you mean --env.obs_type?"),
+        (["--task", "insertion", "--env.success=hold"], "--task insertion is short for an environment"),
         (["--dataset", "./nowhere"], "there is no dataset at"),
         (["--dataset", "x", "--success", "hold"], "--success=hold is a rule of the tasks of --task"),
         (["--task", "insertion", "--episodes", "0"], "episodes=0 must be at least 1"),
