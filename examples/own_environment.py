@@ -26,8 +26,7 @@ class ReachDot(gym.Env):
 
     def __init__(self):
         self.model = mujoco.MjModel.from_xml_string(MODEL)
-        self.data, self.renderer = mujoco.MjData(self.model), None
-        self.dot = self.model.site("dot").pos[:2]
+        self.data, self.renderer, self.dot = mujoco.MjData(self.model), None, self.model.site("dot").pos[:2]
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
@@ -54,6 +53,7 @@ class ReachDot(gym.Env):
 @dataclass
 class ReachDotConfig(SimulationEnvConfig):
     package_name, gym_id, gym_kwargs = "own_environment", "own/ReachDot-v0", {}
+    fps: int = 25
 
     def __post_init__(self):
         self.check_observations(cameras=())  # state only

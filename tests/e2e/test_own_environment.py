@@ -57,6 +57,7 @@ def test_an_image_shows_the_dot(own):
 
 def test_policies_get_its_features(own):
     features = {key: value.shape for key, value in env_to_policy_features(own.ReachDotConfig()).items()}
+    assert own.ReachDotConfig().fps == own.ReachDot.metadata["render_fps"]
     assert features == {"action": (2,), "observation.state": (4,), "observation.environment_state": (2,)}
     with pytest.raises(ConfigurationError, match="obs_type pixels needs cameras"):
         own.ReachDotConfig(obs_type="pixels")

@@ -24,7 +24,8 @@ OTHER_ROBOT = (
     "run it on the robot or task that it was trained for (--env.type, --env.task), or measure its "
     "recordings: act-chunking smoothness, resolution, codebook, latent and steps take a dataset's folder"
 )
-PERHAPS_A_LABEL = "where one of them is but a label, as the 10 of LIBERO's datasets, that is no matter"
+PERHAPS_A_LABEL = "unless one of the two is a mere label, run it on the task that it was trained for"
+"""Environments need not run at the rate that their configuration states (huggingface/lerobot#3368)."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +123,7 @@ def environment_of(config: Any, spec: EnvironmentSpec, checkpoint: str | None = 
     Raises:
         ConfigurationError: options that the environment refuses.
         FeatureError: a policy for another robot, or one for another control rate than that of a
-            `SimulationEnvConfig`; of all others the configuration's is not sure, and a warning says it.
+            `SimulationEnvConfig`; with all others that is a warning.
     """
     env_config = _make_config(config, spec)
     where = f"the environment {spec.name}"

@@ -2,6 +2,7 @@
 
 import json
 import logging
+from dataclasses import dataclass
 
 import pytest
 import torch
@@ -22,6 +23,7 @@ from lerobot_act_chunking.diagnostics.core.environments import (
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
 from lerobot_act_chunking.envs.configuration_envs import AlohaSimEnvConfig
 from lerobot_act_chunking.envs.configuration_robotics import RoboticsEnvConfig
+from lerobot_act_chunking.envs.configuration_simulation import SimulationEnvConfig
 from lerobot_act_chunking.errors import ConfigurationError, FeatureError
 
 LINE = "line_of_tests"
@@ -66,6 +68,29 @@ def test_short_names_are_those_of_the_tasks_of_this_package():
         ConfigurationError, match=r"unknown task 'Line-v0'; choose one of: transfer_cube, .*--env\.type"
     ):
         task_environment("Line-v0")
+
+
+@EnvConfig.register_subclass("dot_of_tests")
+@dataclass
+class DotConfig(SimulationEnvConfig):
+    """Somebody else's, on the base class of this package."""
+
+    task_names = ("Dot-v0",)
+    task: str = "Dot-v0"
+    gym_id, gym_kwargs = "own/Dot-v0", {}
+
+    def __post_init__(self):
+        self.check_observations(cameras=("top",))
+        self.declare_features(2, {"agent_pos": 2}, 3)
+
+
+def test_other_peoples_tasks_have_short_names_too():
+    asked = task_environment("Dot-v0")
+    assert asked == EnvironmentSpec("dot_of_tests", {"task": "Dot-v0"})
+    images = {"observation.images.top": PolicyFeature(FeatureType.VISUAL, (3, 30, 40))}
+    seeing = make_policy(inputs=images, start=torch.zeros(2), vision_backbone="small_cnn").policy.config
+    made = environment_of(seeing, asked)
+    assert (made.obs_type, made.cameras, made.render_quality) == ("pixels", ["top"], "fast")
 
 
 def test_reports_call_an_environment_by_its_task_or_its_type():
