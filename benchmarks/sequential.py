@@ -5,22 +5,26 @@
 Two policies do up to 200 common episodes, 25 at a time, and the comparison ends as soon as it is decided, by
 the same code as the command's. Success is drawn: an episode's difficulty is shared by both to some degree
 (a Gaussian copula with this correlation), as common seeds make it. 10 000 comparisons for each row, without a
-simulator; the results are in benchmarks/results/sequential.json.
+simulator; the results are in benchmarks/results/sequential.json, and as a table in
+docs/instruments/eval.md (a test compares).
 """
 
 import argparse
 import json
+import re
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 from scipy.stats import norm
 
-from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate, mcnemar
+from lerobot_act_chunking.diagnostics.core.statistics import mcnemar
 from lerobot_act_chunking.diagnostics.eval.deciding import LEVEL, decide
 
+ROOT = Path(__file__).parents[1]
+RESULTS = ROOT / "benchmarks" / "results" / "sequential.json"
+PAGE = ROOT / "docs" / "instruments" / "eval.md"
+MARK = "<!-- sequential: python benchmarks/sequential.py -->"
 EPISODES, GROUP = 200, 25
 EQUAL = [(rate, rate, correlation) for rate in (0.5, 0.7, 0.9, 0.97) for correlation in (0.0, 0.5)]
 APART = [
@@ -83,29 +87,39 @@ def failures(outcomes: list[bool]) -> list[int]:
     return [place for place, success in enumerate(outcomes) if not success]
 
 
+def with_table(text: str) -> str:
+    """The page with the table as the results have it."""
+    lines = [
+        "| success rates | correlation | decided | wrongly | by a test of 200 | median episodes | saved |",
+        "|---|---|---|---|---|---|---|",
+        *(line(Row(**each)) for each in json.loads(RESULTS.read_text())),
+    ]
+    table = "\n".join(lines)
+    return re.sub(rf"({re.escape(MARK)}\n).*?(<!-- end -->)", rf"\1\n{table}\n\n\2", text, flags=re.DOTALL)
+
+
+def line(row: Row) -> str:
+    """A row of the table."""
+    shares = [f"{100 * count / row.comparisons:.1f} %" for count in (row.decided, row.wrong, row.fixed)]
+    saved = f"{100 * (1 - row.median_episodes / EPISODES):.0f} %"
+    cells = [f"{100 * row.first:g} and {100 * row.second:g} %", f"{row.correlation:g}", *shares]
+    return "| " + " | ".join([*cells, f"{row.median_episodes:g}", saved]) + " |"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--comparisons", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=Path("benchmarks/results/sequential.json"))
     args = parser.parse_args()
     rng = np.random.default_rng(args.seed)
-    rows = [simulate(*each, args.comparisons, rng) for each in EQUAL + APART]
-    table = Table("rates", "correlation", "decided %", "wrong %", "fixed 200 decide %", "median", "saved %")
-    for row in rows:
-        table.add_row(
-            f"{row.first:.2f} and {row.second:.2f}",
-            f"{row.correlation:g}",
-            f"{100 * row.decided / row.comparisons:.1f}",
-            str(SuccessRate(row.wrong, row.comparisons).percent),
-            f"{100 * row.fixed / row.comparisons:.1f}",
-            f"{row.median_episodes:.0f}",
-            f"{100 * (1 - row.median_episodes / EPISODES):.0f}",
-        )
-    Console(width=120).print(table)
-    args.out.write_text(json.dumps([asdict(row) for row in rows], indent=1) + "\n")
+    rows = []
+    for each in EQUAL + APART:
+        rows.append(simulate(*each, args.comparisons, rng))
+        print(line(rows[-1]), flush=True)
+    RESULTS.write_text(json.dumps([asdict(row) for row in rows], indent=1) + "\n")
+    PAGE.write_text(with_table(PAGE.read_text()))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """README and docs: tables are from the results, Python runs, the site has every page."""
 
 import importlib.util
+import json
 import re
 from pathlib import Path
 from types import SimpleNamespace
@@ -47,6 +48,20 @@ def test_the_tables_of_the_study_of_demonstrators_are_those_of_its_results():
     assert [name for name in people if f"| `{name}` |" not in page] == []
     assert len(people) == 11
     assert tables.with_tables(page.replace("| `hesitant` |", "| `nobody` |")) == page
+
+
+def test_the_table_of_comparisons_that_stop_early_is_that_of_its_results():
+    tables = load("benchmarks/sequential.py")
+    page = tables.PAGE.read_text()
+    assert tables.with_table(page) == page, "run: python benchmarks/sequential.py"
+    rows = [tables.Row(**each) for each in json.loads(tables.RESULTS.read_text())]
+    assert page.count("| 0.5 |") == sum(row.correlation == 0.5 for row in rows) > 0
+    assert {row.comparisons for row in rows} == {10_000}
+    for row in rows:
+        if row.first == row.second:
+            assert row.wrong == row.decided <= 0.05 * row.comparisons
+        elif round(row.first - row.second, 6) == 0.2:
+            assert row.median_episodes <= 0.6 * tables.EPISODES
 
 
 def test_the_readme_fits_on_a_few_screens():
