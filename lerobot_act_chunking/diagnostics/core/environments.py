@@ -8,15 +8,17 @@ from lerobot_act_chunking.diagnostics.core.training import read_training
 from lerobot_act_chunking.envs.aloha.tasks import TASKS as ALOHA_TASKS
 from lerobot_act_chunking.envs.configuration_envs import AlohaSimEnvConfig
 from lerobot_act_chunking.envs.configuration_robotics import RoboticsEnvConfig
+from lerobot_act_chunking.envs.configuration_three_gates import ThreeGatesEnvConfig
 from lerobot_act_chunking.envs.robotics.tasks import TASKS as ROBOTICS_TASKS
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 from lerobot_act_chunking.policies.loading import LoadedPolicy
 
-EnvironmentConfig = AlohaSimEnvConfig | RoboticsEnvConfig
+EnvironmentConfig = AlohaSimEnvConfig | RoboticsEnvConfig | ThreeGatesEnvConfig
 
 TASKS: Mapping[str, type[EnvironmentConfig]] = {
     **dict.fromkeys(ALOHA_TASKS, AlohaSimEnvConfig),
     **dict.fromkeys(ROBOTICS_TASKS, RoboticsEnvConfig),
+    "three_gates": ThreeGatesEnvConfig,
 }
 """Every simulated task by its name, with the environment that has it."""
 
@@ -80,7 +82,7 @@ def environment_for(config: Any, *, task: str, success: str | None = None) -> En
         options["velocities"] = _sees_velocities(config.input_features, task)
     images = config.image_features
     if not images:
-        if make is AlohaSimEnvConfig:
+        if make is not RoboticsEnvConfig:
             options["agent_vel"] = "observation.agent_vel" in config.input_features
         return make(**options, obs_type="state")
     sizes = {tuple(feature.shape[-2:]) for feature in images.values()}
