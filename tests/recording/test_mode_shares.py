@@ -25,13 +25,13 @@ def percentages(weights):
 
 
 class Runner:
-    """Fails the given seeds; remembers what it played."""
+    """Fails the given seeds; remembers what was asked for, and what it played."""
 
     def __init__(self, failing=()):
-        self.failing, self.played = failing, []
+        self.failing, self.submitted, self.played = failing, [], []
 
     def submit(self, seed):
-        pass
+        self.submitted.append(seed)
 
     def succeeded(self, seed):
         self.played.append(seed)
@@ -82,6 +82,11 @@ def test_any_run_of_seeds_has_nearly_the_shares_for_each_person(weights, first, 
         assert percentage or not modes[mode]
 
 
+@pytest.mark.parametrize(("shares", "mode"), [((0.0, 100.0), 1), ((0.0, 0.0, 100.0), 2), ((100.0, 0.0), 0)])
+def test_a_way_without_a_share_has_no_seed(shares, mode):
+    assert {ModeShares(shares).mode_of(seed) for seed in range(50)} == {mode}
+
+
 @given(WEIGHTS, st.integers(1, 60), st.sets(st.integers(0, 100), max_size=15), st.integers(0, 30))
 def test_a_recording_has_exactly_the_shares_whatever_fails(weights, episodes, failing, first_seed):
     shares = ModeShares(percentages(weights))
@@ -97,7 +102,7 @@ def test_a_recording_has_exactly_the_shares_whatever_fails(weights, episodes, fa
 def test_what_no_way_needs_is_not_played():
     runner = Runner()
     seeds = [seed for seed, _ in AttemptQueue(runner, {}, 0, 20, ahead=1, shares=SHARES)]
-    assert runner.played == seeds
+    assert runner.submitted == runner.played == seeds
     assert len(seeds) == 20
     assert seeds[-1] > 19  # some seeds were passed over
 

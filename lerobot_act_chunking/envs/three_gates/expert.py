@@ -1,6 +1,6 @@
 """The scripted expert of the three gates: straight through the gate that it is told."""
 
-from dataclasses import fields
+from dataclasses import asdict
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from lerobot_act_chunking.envs.three_gates.world import FPS, GATES
 from lerobot_act_chunking.errors import unknown_choice
 
 RANGES: Ranges = {
-    **{entry.name: (entry.default, entry.default, "in three_gates") for entry in fields(ExpertOptions)},
+    **{name: (usual, usual, "in three_gates") for name, usual in asdict(ExpertOptions()).items()},
     "speed": (0.7, 1.5, "times the nominal pace"),
     "waypoint_noise": (0.0, 0.05, "m"),
     "action_noise": (0.0, 0.02, "m"),
@@ -51,8 +51,9 @@ def plan(
         to_gate = np.clip(_BEYOND * progress, 0, 1)
         actions += 16 * (to_gate * (1 - to_gate)) ** 2 * options.waypoint_noise * rng.standard_normal(2)
     actions = np.concatenate([np.tile(start, (round(options.idle_start / period), 1)), actions])
-    actions += options.hand(actions.shape, rng, period=period)
+    shape = (len(actions), 2)
+    actions += options.hand(shape, rng, period=period)
     commands = actions.copy()
     if options.action_noise > 0:
-        commands += correlated_noise(actions.shape, options.action_noise, rng, period=period)
+        commands += correlated_noise(shape, options.action_noise, rng, period=period)
     return actions, commands

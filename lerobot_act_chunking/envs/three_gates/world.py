@@ -24,7 +24,7 @@ _MASS_RADIUS, _WALL, _OPENING = 0.03, 0.02, 0.12
 _ANGLES = np.deg2rad([90.0, 210.0, 330.0])
 GATES = RADIUS * np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
 """Middle of each gate, (3, 2). At equal distances: no gate lies between two others."""
-_GATE_SECTOR = np.deg2rad(30.0)  # to either side of a gate's middle: as far as to the wall's middle
+_GATE_SECTOR = np.deg2rad(30.0)  # to either side of a gate's middle, for a mass that leaves fast and aslant
 
 _SUBSTEPS = 10
 _WALL_PIECES = 6  # straight ones, from a gate to the next
@@ -67,7 +67,7 @@ class ThreeGatesWorld:
     def reset(self, position: np.ndarray) -> None:
         """Put the mass, at rest, at ``position`` (2,)."""
         mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[:] = self.data.ctrl[:] = position
+        self.data.qpos[:] = position
         mujoco.mj_forward(self.model, self.data)
 
     def step(self, target: np.ndarray) -> None:

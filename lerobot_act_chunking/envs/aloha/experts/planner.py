@@ -106,10 +106,7 @@ def plan(
     """
     options.check(RANGES)
     pose = _checked_pose(task, object_pose)
-    hand_overs = get_task(task).hand_overs
-    if not 0 <= mode < get_task(task).modes:
-        raise unknown_choice(f"mode of {task}", mode, map(str, range(get_task(task).modes)))
-    script = (_STEPWISE if options.stepwise else _SCRIPTS)[task](pose, *hand_overs[mode : mode + 1])
+    script = _script(task, pose, mode, _STEPWISE if options.stepwise else _SCRIPTS)
     if options.missed_grasps:
         script = miss_first_grasp(script)
     if options.one_arm_first:
@@ -122,6 +119,13 @@ def plan(
     actions[:, _ARM_JOINTS] += options.hand(arms, rng, period=CONTROL_PERIOD)
     commands = _late(_disturbed(actions, options.action_noise, rng), options.latency)
     return ExpertPlan(actions, commands)
+
+
+def _script(task: str, pose: np.ndarray, mode: int, scripts: dict[str, Callable[..., Script]]) -> Script:
+    ways = get_task(task)
+    if not 0 <= mode < ways.modes:
+        raise unknown_choice(f"mode of {task}", mode, map(str, range(ways.modes)))
+    return scripts[task](pose, ways.hand_overs[mode]) if ways.hand_overs else scripts[task](pose)
 
 
 def _checked_pose(task: str, object_pose: np.ndarray) -> np.ndarray:

@@ -12,8 +12,8 @@ from lerobot_act_chunking.envs.aloha.experts.motion import ArmScript, Script, St
 
 _PITCH, _LEVEL, _SIDEWAYS = np.pi / 3, 0.0, np.pi / 2
 _OPEN, _CLOSED = (1.0,), (0.0,)
-_MEETING = (0.0, 0.5, 0.25)
 _MEETING_Y = 0.5
+_MEETING = (0.0, _MEETING_Y, 0.25)
 _WAITING_X = (-0.23, -0.15)  # of the taking arm: within its reach, out of the other's way
 _FIRST_MOTION = 0.2  # [s]
 _ABOVE = 0.1  # of the way-point before a grasp, over it

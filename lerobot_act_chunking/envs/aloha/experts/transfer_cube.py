@@ -40,7 +40,8 @@ def script(object_pose: np.ndarray, meeting: tuple[float, float, float] = _MEETI
 
 
 def _giving_arm(x: float, y: float, roll: float, meeting: tuple[float, float, float]) -> ArmScript:
-    from_x, to_x, (_, meeting_y, meeting_z) = *_drift(meeting), meeting
+    meeting_x, meeting_y, meeting_z = meeting
+    from_x, to_x = meeting_x + _HALF_DRIFT, meeting_x - _HALF_DRIFT
 
     def horizontal(at_x: float) -> tuple[float, ...]:
         return (at_x, meeting_y, meeting_z, _LEVEL, _RIGHT_ROLL)
@@ -60,22 +61,19 @@ def _giving_arm(x: float, y: float, roll: float, meeting: tuple[float, float, fl
 
 
 def _taking_arm(meeting: tuple[float, float, float]) -> ArmScript:
-    from_x, to_x, (_, meeting_y, meeting_z) = *_drift(meeting), meeting
+    meeting_x, meeting_y, meeting_z = meeting
+    from_x, to_x = meeting_x + _HALF_DRIFT, meeting_x - _HALF_DRIFT
+    waiting_x = float(np.clip(from_x - 0.12, *_WAITING_X))
 
     def horizontal(at_x: float) -> tuple[float, ...]:
         return (at_x, meeting_y, meeting_z - _SAG, _LEVEL, 0.0)
 
     return ArmScript(
         tool=(
-            Stroke(-0.25, 3.0, horizontal(float(np.clip(from_x - 0.12, *_WAITING_X))), free=True),
+            Stroke(-0.25, 3.0, horizontal(waiting_x), free=True),
             Stroke(2.7, 3.75, horizontal(from_x + _REACH_PAST)),
             Stroke(*_DRIFT_TIME, horizontal(to_x + _REACH_PAST)),
             Stroke(4.15, 5.6, horizontal(to_x - 0.085)),
         ),
         gripper=(Stroke(0.8, 2.4, _OPEN), Stroke(3.5, 3.9, _CLOSED)),
     )
-
-
-def _drift(meeting: tuple[float, float, float]) -> tuple[float, float]:
-    """World x at which the arms meet and part."""
-    return meeting[0] + _HALF_DRIFT, meeting[0] - _HALF_DRIFT
