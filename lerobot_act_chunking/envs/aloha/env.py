@@ -6,6 +6,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
+from lerobot_act_chunking.envs.aloha.modes import HandOverMode
 from lerobot_act_chunking.envs.aloha.options import AlohaSimOptions
 from lerobot_act_chunking.envs.aloha.success import SUCCESS_RULES, make_success_rule
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES, get_task, sample_object_pose, stock_generator
@@ -28,7 +29,9 @@ class AlohaSimEnv(gym.Env):
     actuators' range, to which MuJoCo clips (gym-aloha declares -1 .. 1, which its own radians leave).
 
     Info: ``success_touch`` and ``success_hold``, each true from the step on at which its rule was satisfied,
-    and ``is_success``, the one chosen by ``success``. The episode terminates when it becomes true.
+    and ``is_success``, the one chosen by ``success``. The episode terminates when it becomes true. Of a task
+    with several ways also ``mode``: which way this episode went (`HandOverMode`), -1 before that is decided
+    and where it is none of them.
 
     Seeds: ``reset(seed=s)`` starts the very episode gym-aloha starts for seed ``s``, so results compare
     episode by episode; resets without a seed draw from ``np_random``; with
@@ -53,6 +56,8 @@ class AlohaSimEnv(gym.Env):
         self.task_description = get_task(self.task).instruction
         self.world = AlohaWorld(self.task)
         self._reward = get_task(self.task).reward
+        places = get_task(self.task).hand_overs
+        self._mode = HandOverMode(places) if places else None
         self._rules = {name: make_success_rule(name, self.task) for name in SUCCESS_RULES}
         self._renderer: OffscreenRenderer | None = None
         self.action_space = self._action_space()
@@ -72,6 +77,8 @@ class AlohaSimEnv(gym.Env):
         self.world.reset(sample_object_pose(self.task, rng) if pose is None else pose)
         for rule in self._rules.values():
             rule.reset()
+        if self._mode is not None:
+            self._mode.reset()
         return self._observe(), self._info()
 
     def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
@@ -84,6 +91,8 @@ class AlohaSimEnv(gym.Env):
         contacts = self.world.contacts()
         for rule in self._rules.values():
             rule.update(contacts)
+        if self._mode is not None:
+            self._mode.update(contacts, self.world.environment_state()[:3])
         info = self._info()
         return self._observe(), float(self._reward(contacts)), info["is_success"], False, info
 
@@ -101,7 +110,8 @@ class AlohaSimEnv(gym.Env):
 
     def _info(self) -> dict[str, Any]:
         successes = {f"success_{name}": rule.succeeded for name, rule in self._rules.items()}
-        return {"is_success": self._rules[self.options.success].succeeded, **successes}
+        modes = {} if self._mode is None else {"mode": self._mode.mode}
+        return {"is_success": self._rules[self.options.success].succeeded, **successes, **modes}
 
     def _observe(self) -> dict[str, Any]:
         observation: dict[str, Any] = {}

@@ -4,13 +4,13 @@ import mujoco
 import numpy as np
 import pytest
 from headless import run_headless
-from stock import smooth_actions, stock_images
+from stock import STOCK_TASKS, smooth_actions, stock_images
 from tiers import some
 
 from lerobot_act_chunking.envs import rendering
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
 from lerobot_act_chunking.envs.aloha.options import CAMERAS
-from lerobot_act_chunking.envs.aloha.world import TASKS, AlohaWorld, sample_object_pose
+from lerobot_act_chunking.envs.aloha.world import AlohaWorld, sample_object_pose
 from lerobot_act_chunking.errors import ActChunkingError
 
 STOCK_CAMERAS = ("top", "angle", "front_close")
@@ -39,7 +39,7 @@ def image(world, camera, height, width, effects):
         renderer.close()
 
 
-@pytest.mark.parametrize("task", some(1, TASKS))
+@pytest.mark.parametrize("task", some(1, STOCK_TASKS))
 def test_full_quality_is_gym_alohas_to_the_pixel(task):
     env = AlohaSimEnv(task=task, obs_type="pixels", cameras=[*STOCK_CAMERAS])
     frames = [env.reset(seed=3)[0]["pixels"]]
