@@ -12,8 +12,8 @@ from torch import Tensor
 
 from lerobot_act_chunking.data.batch import ActionTarget, Observation
 from lerobot_act_chunking.data.masking import hold_padding
-from lerobot_act_chunking.diagnostics.latent.samples import Samples
-from lerobot_act_chunking.diagnostics.latent.subject import Subject
+from lerobot_act_chunking.diagnostics.core.latents.subject import Subject
+from lerobot_act_chunking.diagnostics.core.samples import Samples
 from lerobot_act_chunking.policies.act_chunked.network import TrainingBatch
 
 
