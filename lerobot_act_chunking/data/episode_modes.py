@@ -77,11 +77,12 @@ def clustered_modes(motions: Sequence[Float[np.ndarray, "_ A"]]) -> Int64[np.nda
         if len(np.unique(fitted, axis=0)) < count:
             break
         means = KMeans(count, n_init=10, random_state=0).fit(fitted)
-        if np.bincount(means.labels_).min() < _FEWEST:
+        labels = np.asarray(means.predict(fitted))
+        if np.bincount(labels).min() < _FEWEST:
             continue
-        clarity = float(silhouette_score(fitted, means.labels_))
+        clarity = float(silhouette_score(fitted, labels))
         if clarity > clearest:
-            best, clearest = _by_size(means.predict(points)), clarity
+            best, clearest = _by_size(np.asarray(means.predict(points))), clarity
     return best
 
 
