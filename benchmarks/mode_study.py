@@ -4,8 +4,8 @@
 
 records `three_gates` in the proportions 80/15/5 and equally, trains small networks of every policy type with
 several likelihoods and latents, asks `act-chunking modes` about each before and after its fix, and writes
-benchmarks/results/mode_study.json. One training seed. What is done is kept in --folder: the same command goes
-on where it was.
+benchmarks/results/mode_study.json and the table in docs/instruments/modes.md. One training seed. What is done
+is kept in --folder: the same command goes on where it was.
 """
 
 import argparse
@@ -17,9 +17,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from rich.console import Console
+from rich.table import Table
+
 from lerobot_act_chunking.compat import trackers_off
 from lerobot_act_chunking.durable_files import write_atomically
 
+ROOT = Path(__file__).parents[1]
+RESULTS, PAGE = ROOT / "benchmarks/results/mode_study.json", ROOT / "docs/instruments/modes.md"
+MARK, END = "<!-- modes: python benchmarks/mode_study.py -->", "<!-- end -->"
 SHARES = {"80/15/5": ("--mode-shares", "80,15,5"), "equal": ()}
 DEMONSTRATIONS, CHUNK, BATCH = 200, 20, 64
 COMMON = {"device": "cpu", "push_to_hub": "false", "optimizer_lr": 1e-3, "lr_warmup_steps": 50}
@@ -147,9 +153,13 @@ class Study:
             train({**COMMON, **learner.settings, **fix}, learner.steps, self.record(cell.shares), output)
         return found
 
+    def result(self, cell: Cell) -> Path:
+        """Where that is kept."""
+        return self.folder / f"{cell.place}.json"
+
     def measure(self, cell: Cell) -> dict[str, Any]:
         """What ``act-chunking modes`` says of the policy."""
-        found = self.folder / f"{cell.place}.json"
+        found = self.result(cell)
         if not found.exists():
             seconds = cpu_seconds()
             checkpoint = str(self.checkpoint(cell))
@@ -157,7 +167,14 @@ class Study:
             asked = ("--env.type=three_gates", f"--episodes={self.episodes}")
             draft, picture = found.with_suffix(".part"), found.with_suffix(".png")
             act_chunking("modes", checkpoint, *asked, "--json", str(draft), "--out", str(picture))
-            content = {**vars(cell), "training_cpu_s": round(trained, 1), **json.loads(draft.read_text())}
+            tried = {
+                "shares": cell.shares,
+                "learner": cell.learner,
+                "fix_tried": cell.fix,
+                "training_seed": 0,
+            }
+            content = {**tried, "training_cpu_s": round(trained, 1), **json.loads(draft.read_text())}
+            content |= {"checkpoint": cell.place.name, "dataset": Path(content["dataset"]).name}
             write_atomically(found, json.dumps(content).encode())
         return json.loads(found.read_text())
 
@@ -193,19 +210,70 @@ def cpu_seconds() -> float:
     return used.ru_utime + used.ru_stime
 
 
+def row(result: dict[str, Any]) -> list[str]:
+    """A result for people."""
+
+    def told(found: dict[str, Any] | None) -> str:
+        if found is None:
+            return "-"
+        shares = "/".join(f"{100 * share:.0f}" for share in found["shares"])
+        return f"{shares}, {100 * found['invalid_share']:.0f}"
+
+    covered = len(result["proportions"]) - len(result["episodes"]["missing"])
+    cause = "" if result["verdict"] in ("pass", "warn") else result["cause"]
+    of_chunks = told(result["chunks"])
+    fix = {"none": ""}.get(result["fix_tried"], result["fix_tried"])
+    return [
+        *(result["shares"], result["learner"], fix, told(result["episodes"]), of_chunks),
+        *(f"{covered} of {len(result['proportions'])}", result["verdict"], cause),
+    ]
+
+
+COLUMNS = (
+    "demonstrated %",
+    "policy",
+    "repair",
+    "episodes %, invalid",
+    "chunks %, invalid",
+    "covered",
+    "verdict",
+    "cause",
+)
+
+
+def table(results: list[dict[str, Any]]) -> str:
+    """All results in Markdown."""
+    rows = [list(COLUMNS), ["---"] * len(COLUMNS), *map(row, results)]
+    return "\n".join(f"| {' | '.join(each)} |" for each in rows)
+
+
+def with_table(page: str, results: list[dict[str, Any]]) -> str:
+    """The page with the table between its marks."""
+    before, rest = page.split(MARK)
+    return f"{before}{MARK}\n{table(results)}\n{END}{rest.split(END, 1)[1]}"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--folder", type=Path, default=Path("outputs/mode_study"))
+    parser.add_argument("--folder", type=Path, default=ROOT / "outputs/mode_study")
     parser.add_argument("--episodes", type=int, default=200)
-    parser.add_argument("--json", type=Path, default=Path("benchmarks/results/mode_study.json"))
-    parser.add_argument("--train-only", action="store_true")
+    parser.add_argument("--shares", nargs="+", choices=SHARES, default=list(SHARES))
+    parser.add_argument("--learners", nargs="+", choices=LEARNERS, default=list(LEARNERS))
     arguments = parser.parse_args()
     study = Study(arguments.folder, arguments.episodes)
     study.folder.mkdir(parents=True, exist_ok=True)
-    if arguments.train_only:
-        for cell in cells():
-            study.checkpoint(cell)
-        return
+    asked = [
+        each for each in cells() if each.shares in arguments.shares and each.learner in arguments.learners
+    ]
+    for cell in asked:
+        study.measure(cell)
+    done = [study.measure(cell) for cell in cells() if study.result(cell).exists()]
+    shown = Table(*COLUMNS, box=None, pad_edge=False)
+    for each in done:
+        shown.add_row(*row(each))
+    Console(width=160).print(shown)
+    write_atomically(RESULTS, (json.dumps(done, indent=1) + "\n").encode())
+    write_atomically(PAGE, with_table(PAGE.read_text(), done).encode())
 
 
 if __name__ == "__main__":

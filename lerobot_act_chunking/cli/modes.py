@@ -19,13 +19,11 @@ def modes_command(
     success: Success = None,
     dataset: Annotated[
         str | None,
-        typer.Option(
-            help="Folder of the demonstrations; default: the dataset the checkpoint was trained on."
-        ),
+        typer.Option(help="Folder of the demonstrations; default: those the checkpoint was trained on."),
     ] = None,
     shares: Annotated[
         str | None,
-        typer.Option(help="Percentages that demonstrations go each way, as 80,15,5; default: the dataset's."),
+        typer.Option(help="Percentages of the demonstrations, as 80,15,5; default: those of the dataset."),
     ] = None,
     episodes: Annotated[int, typer.Option(help="To run.")] = 200,
     samples: Annotated[int, typer.Option(help="Chunks to sample at each start.")] = 16,
@@ -36,8 +34,8 @@ def modes_command(
 ) -> None:
     """Does a policy take all demonstrated ways of doing the task, as often; if not, why, and what repairs it?
 
-    Exit status: 0 all ways are taken and at most 5 % of the episodes go none of them, 11 not so, 10 too few
-    episodes, or no ways are known.
+    Exit status: 0 all ways are taken and hardly any episode goes none of them, 11 not so, 10 too few episodes,
+    or no ways are known.
     """
     from lerobot_act_chunking.diagnostics.modes.diagnosis import diagnose
     from lerobot_act_chunking.diagnostics.modes.plots import plot_report

@@ -76,7 +76,7 @@ def clustered_modes(motions: Sequence[Float[np.ndarray, "_ A"]]) -> Int64[np.nda
     for count in range(2, min(MOST_MODES, len(fitted) // _FEWEST) + 1):
         if len(np.unique(fitted, axis=0)) < count:
             break
-        means = KMeans(count, n_init=10, random_state=0).fit(fitted)
+        means = KMeans(count, n_init=10, random_state=0).fit(fitted)  # pyright: ignore[reportArgumentType]
         labels = np.asarray(means.predict(fitted))
         if np.bincount(labels).min() < _FEWEST:
             continue

@@ -135,7 +135,7 @@ def _executed(evidence: Evidence, chunks: Frequencies, thresholds: Thresholds) -
 def _unknown(chunks: Frequencies) -> Cause:
     return Cause(
         UNKNOWN,
-        f"the chunks at the starts are right ({_told(chunks)}), the episodes are not: they leave their way later",
+        f"the chunks at the starts are right ({_told(chunks)}), and the episodes leave their way later",
         "act-chunking smoothness and eval show what happens on the way",
     )
 
@@ -158,8 +158,8 @@ def _start_sampling(config: Any) -> str:
 def _unblend(config: Any) -> str:
     if getattr(config, "action_likelihood", None) in ("laplace", "gaussian", "categorical"):
         return (
-            "each action is sampled on its own: --policy.action_likelihood=gmm decides for the whole chunk, a "
-            "latent (--policy.use_vae=true) or --policy.decoder_type=autoregressive likewise"
+            "each action is sampled on its own: --policy.action_likelihood=gmm decides for whole chunks, and "
+            "so does a latent (--policy.use_vae=true)"
         )
     return "train for longer, or a larger network"
 

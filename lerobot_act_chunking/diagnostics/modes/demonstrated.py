@@ -13,6 +13,7 @@ from lerobot_act_chunking.diagnostics.core.episodes import read_episodes
 from lerobot_act_chunking.errors import DatasetError
 
 WITHIN, BETWEEN = 99.0, 1.0  # percentiles of the demonstrations' distances inside of a way, and to others
+VALID = 0.25  # of the distance to another way, up to which a chunk goes a way
 LEAST = 0.01  # distance inside of a way where demonstrations are (nearly) the same
 Source = Literal["recording", "clusters"]
 
@@ -46,17 +47,19 @@ class Reference:
 
     @property
     def tells_apart(self) -> bool:
-        """Whether chunks of one way are nearer to each other than to those of others."""
-        return self.within < self.between
+        """Whether chunks of one way are much nearer to each other than to those of others."""
+        return self.within < self.between / 2
 
     @property
     def limit(self) -> float:
         """Distance from every demonstrated chunk beyond which a chunk goes no demonstrated way.
 
-        The geometric mean of ``within`` and ``between``: as many times farther away than demonstrations of
-        one way are from each other, as those of another way would be still. Of one way, twice ``within``.
+        A quarter of ``between``: half of it is the middle between two ways, and policies are less precise
+        than demonstrations are. At least ``within``; of a single way, twice that.
         """
-        return float(np.sqrt(self.within * self.between)) if np.isfinite(self.between) else 2 * self.within
+        if not np.isfinite(self.between):
+            return 2 * self.within
+        return max(self.within, VALID * self.between)
 
     def classify(self, chunks: Float[np.ndarray, "n T A"]) -> Int64[np.ndarray, " n"]:
         """The way of the nearest demonstrated chunk; -1 beyond the limit. In the same units."""

@@ -1,4 +1,4 @@
-"""What the latent of an `act_chunked` policy has to do with the ways: the posterior, the prior, the decoder."""
+"""What the latent of an `act_chunked` policy has to do with the ways: posterior, prior, decoder."""
 
 import numpy as np
 from jaxtyping import Float, Int64

@@ -15,9 +15,9 @@ from lerobot_act_chunking.diagnostics.modes.demonstrated import Demonstrated
 from lerobot_act_chunking.diagnostics.modes.frequencies import Frequencies
 from lerobot_act_chunking.diagnostics.modes.inside import Inside
 from lerobot_act_chunking.diagnostics.modes.report import ModesReport, SampledChunks
-from lerobot_act_chunking.diagnostics.modes.sampling import first_chunks, is_deterministic, sample_chunks
+from lerobot_act_chunking.diagnostics.modes.sampling import first_chunks, sample_chunks
 from lerobot_act_chunking.diagnostics.modes.settings import Settings
-from lerobot_act_chunking.diagnostics.modes.switching import find_switching
+from lerobot_act_chunking.diagnostics.modes.switching import Switching, find_switching
 from lerobot_act_chunking.diagnostics.modes.verdict import judge
 from lerobot_act_chunking.policies.loading import LoadedPolicy
 
@@ -41,6 +41,23 @@ class Ways:
     told_by: str
     proportions: tuple[float, ...]
     modes: Int64[np.ndarray, " n"]
+
+
+@dataclass(frozen=True)
+class Closer:
+    """What a closer look at the policy shows; None, and a note, where it does not.
+
+    Attributes:
+        chunks: sampled at the starts.
+        switching: of the way within episodes.
+        inside: of a policy with a latent or with codes.
+        note: what to know about it.
+    """
+
+    chunks: SampledChunks | None = None
+    switching: Switching | None = None
+    inside: Inside | None = None
+    note: str = ""
 
 
 def find_ways(
@@ -87,25 +104,23 @@ def measure(
     config, thresholds = loaded.policy.config, settings.thresholds
     ways = find_ways(settings, rollouts, demonstrated)
     if ways is None:
-        judgement = judge(None, Cause(UNKNOWN), thresholds)
+        judgement = judge(None, None, Cause(UNKNOWN), thresholds)
         return ModesReport(judgement=judgement, requested=settings, policy_type=config.type)
     episodes = Frequencies.of(ways.modes, ways.proportions)
     # Clusters have numbers of their own: chunks are judged where both have the same.
-    same = demonstrated is not None and (demonstrated.source == "recording" or ways.told_by == "motion")
-    chunks, inside, notes = None, None, [] if same else [NO_DATA]
-    if same:
-        chunks, inside, notes = _look_closer(settings, loaded, rollouts, demonstrated, ways.proportions)
-    switching = None if chunks is None else find_switching(rollouts, demonstrated)
+    closer = Closer(note=NO_DATA)
+    if demonstrated is not None and (demonstrated.source == "recording" or ways.told_by == "motion"):
+        closer = _look_closer(settings, loaded, rollouts, demonstrated, ways.proportions)
     evidence = Evidence(
         config=config,
         episodes=episodes,
-        chunks=chunks and chunks.frequencies,
-        deterministic=chunks is not None and chunks.deterministic,
-        switching=switching,
-        inside=inside,
+        chunks=closer.chunks and closer.chunks.frequencies,
+        deterministic=closer.chunks is not None and closer.chunks.deterministic,
+        switching=closer.switching,
+        inside=closer.inside,
     )
     return ModesReport(
-        judgement=judge(episodes, find_cause(evidence, thresholds), thresholds),
+        judgement=judge(episodes, evidence.chunks, find_cause(evidence, thresholds), thresholds),
         requested=settings,
         policy_type=config.type,
         dataset=demonstrated and demonstrated.folder,
@@ -113,10 +128,10 @@ def measure(
         told_by=ways.told_by,
         episodes=episodes,
         successes=_successes(rollouts, ways.modes, len(ways.proportions)),
-        chunks=chunks,
-        switching=switching,
-        inside=inside,
-        notes=notes,
+        chunks=closer.chunks,
+        switching=closer.switching,
+        inside=closer.inside,
+        notes=[closer.note] if closer.note else [],
     )
 
 
@@ -126,32 +141,34 @@ def _look_closer(
     rollouts: Sequence[Rollout],
     demonstrated: Demonstrated,
     proportions: tuple[float, ...],
-) -> tuple[SampledChunks | None, Inside | None, list[str]]:
-    """The chunks at the starts, and what a latent or codes have to do with them."""
+) -> Closer:
+    """The chunks at the starts and within episodes, and what a latent or codes have to do with them."""
     config, starts = loaded.policy.config, None
     if hasattr(loaded.policy, "predict_samples"):
         starts = read_samples(demonstrated.folder, config, MOST_STARTS, demonstrated.episodes.tolist())
         found = sample_chunks(loaded, starts, settings.samples)
+        deterministic = settings.samples > 1 and found.shape[1] == 1
     else:
-        found = first_chunks(rollouts)
+        found, deterministic = first_chunks(rollouts), False
     if found is None:
-        return None, None, ["The policy does not show its chunks."]
+        return Closer(note="The policy does not show its chunks.")
     reference = demonstrated.reference(0, found.shape[2])
     if not reference.tells_apart:
-        return None, None, [UNTOLD.format(length=found.shape[2])]
+        return Closer(note=UNTOLD.format(length=found.shape[2]))
     scaled = demonstrated.scaled(found.reshape(-1, *found.shape[2:]))
     modes = reference.classify(scaled)
     chunks = SampledChunks(
         frequencies=Frequencies.of(modes, proportions),
         per_start=found.shape[1],
-        deterministic=found.shape[1] == 1 < settings.samples
-        if starts
-        else is_deterministic(found[:, 0][None]),
+        deterministic=deterministic,
         chunks=scaled,
         modes=modes,
         reference=reference,
     )
-    return chunks, starts and _look_inside(settings, loaded, starts, demonstrated, proportions), []
+    inside = None
+    if starts is not None:
+        inside = _look_inside(settings, loaded, starts, demonstrated, proportions)
+    return Closer(chunks, find_switching(rollouts, demonstrated), inside)
 
 
 def _look_inside(

@@ -7,16 +7,7 @@ import numpy as np
 
 from lerobot_act_chunking.diagnostics.modes.report import ModesReport, SampledChunks
 
-COLOURS = (
-    "tab:blue",
-    "tab:orange",
-    "tab:green",
-    "tab:purple",
-    "tab:brown",
-    "tab:pink",
-    "tab:olive",
-    "tab:cyan",
-)
+COLOURS = tuple(f"tab:{name}" for name in ("blue", "orange", "green", "purple", "brown", "pink", "olive"))
 INVALID = "tab:red"
 SHOWN = 150  # chunks
 
@@ -45,9 +36,8 @@ def _draw_frequencies(ax: Any, report: ModesReport) -> None:
         return
     places = np.arange(len(episodes.counts) + 1)
     width = 0.27
-    ax.bar(
-        places[:-1] - width, 100 * np.array(episodes.proportions), width, color="0.75", label="demonstrated"
-    )
+    shown = 100 * np.array(episodes.proportions)
+    ax.bar(places[:-1] - width, shown, width, color="0.75", label="demonstrated")
     shares = 100 * np.array([*episodes.shares, episodes.invalid_share])
     ax.bar(places, shares, width, color=[*_colours(len(episodes.counts)), INVALID], label="episodes")
     ends = 100 * np.array(episodes.intervals)
@@ -79,11 +69,8 @@ def _draw_chunks(ax: Any, sampled: SampledChunks) -> None:
 
 
 def _path(chunk: np.ndarray, dims: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return (
-        (chunk[:, dims[0]], chunk[:, dims[1]])
-        if len(dims) > 1
-        else (np.arange(len(chunk)), chunk[:, dims[0]])
-    )
+    first, last = chunk[:, dims[0]], chunk[:, dims[-1]]
+    return (first, last) if len(dims) > 1 else (np.arange(len(chunk)), last)
 
 
 def _colours(n: int) -> list[str]:

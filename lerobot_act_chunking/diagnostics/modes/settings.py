@@ -64,14 +64,11 @@ class Settings:
     def __post_init__(self) -> None:
         check_at_least(1, episodes=self.episodes, samples=self.samples, batch_size=self.batch_size)
         check_at_least(0, seed=self.seed)
-        if self.shares and (
-            len(self.shares) < 2
-            or min(self.shares) < 0
-            or not math.isclose(sum(self.shares), 100, abs_tol=0.5)
-        ):
+        whole = math.isclose(sum(self.shares), 100, abs_tol=0.5)
+        if self.shares and (len(self.shares) < 2 or min(self.shares) < 0 or not whole):
+            shown = ",".join(f"{each:g}" for each in self.shares)
             raise ConfigurationError(
-                f"--shares={','.join(f'{each:g}' for each in self.shares)}: give a percentage for each of two "
-                "ways or more, 100 together, as in 80,15,5"
+                f"--shares={shown}: give a percentage for each of two ways or more, 100 together, as 80,15,5"
             )
 
 

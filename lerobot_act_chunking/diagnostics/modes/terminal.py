@@ -33,18 +33,15 @@ def _ways(report: ModesReport) -> Table:
     """A row for each way, and one for what goes none of them."""
     episodes, inside = report.episodes, report.inside
     assert episodes is not None  # noqa: S101
-    columns = ["mode", "demonstrated %", "episodes %", "95 % interval", "success %"]
-    chunks = None if report.chunks is None else report.chunks.frequencies
-    extra = [] if chunks is None else [("chunks %", [*chunks.shares, chunks.invalid_share])]
+    kinds = {} if report.chunks is None else {"chunks %": report.chunks.frequencies}
     if isinstance(inside, LatentModes):
-        extra += [
-            ("prior %", [*inside.prior.shares, inside.prior.invalid_share]),
-            ("posterior %", [*inside.posterior.shares, inside.posterior.invalid_share]),
-            ("likeliest %", [*inside.likeliest.shares, inside.likeliest.invalid_share]),
-        ]
+        kinds |= {"prior %": inside.prior, "posterior %": inside.posterior, "likeliest %": inside.likeliest}
+    extra: dict[str, list[float | None]] = {
+        name: [*each.shares, each.invalid_share] for name, each in kinds.items()
+    }
     if inside is not None:
-        extra.append(("own %", [*inside.reconstructed, None]))
-    table = table_of(*columns, *(name for name, _ in extra))
+        extra["own %"] = [*inside.reconstructed, None]
+    table = table_of("mode", "demonstrated %", "episodes %", "95 % interval", "success %", *extra)
     shown, taken = [*episodes.proportions, None], [*episodes.shares, episodes.invalid_share]
     for row, success in enumerate(report.successes):
         last = row == len(episodes.counts)
@@ -55,7 +52,7 @@ def _ways(report: ModesReport) -> Table:
             _percent(taken[row]),
             "" if low is None or high is None else f"{100 * low:.1f}-{100 * high:.1f}",
             _percent(success and success.rate),
-            *(_percent(values[row]) for _, values in extra),
+            *(_percent(values[row]) for values in extra.values()),
         )
     return table
 

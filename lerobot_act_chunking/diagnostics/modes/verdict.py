@@ -22,12 +22,15 @@ class ModeJudgement(Judgement):
     cause: Cause
 
 
-def judge(episodes: Frequencies | None, cause: Cause, thresholds: Thresholds) -> ModeJudgement:
-    """All ways taken, and hardly any other?
+def judge(
+    episodes: Frequencies | None, chunks: Frequencies | None, cause: Cause, thresholds: Thresholds
+) -> ModeJudgement:
+    """All ways taken, and hardly any other? Chunks that are worse than the episodes are a warning.
 
     Args:
         episodes: the ways that they went; None if no ways are known.
-        cause: why they do not go all of them.
+        chunks: the ways of chunks at their starts, if they are known.
+        cause: why episodes do not go all ways.
         thresholds: when to worry.
     """
     if episodes is None:
@@ -43,7 +46,8 @@ def judge(episodes: Frequencies | None, cause: Cause, thresholds: Thresholds) ->
         few = f"{episodes.n} episodes are too few for a way that {least:.0%} of the demonstrations go"
         return ModeJudgement("inconclusive", [f"{few}: run --episodes {needed}", told], cause)
     if episodes.good(thresholds):
-        return ModeJudgement("pass", [told, *_unlike(episodes)], cause)
+        worse = _worse(chunks, thresholds)
+        return ModeJudgement("warn" if worse else "pass", [told, *_unlike(episodes), *worse], cause)
     reasons = [told, f"{cause.name}: {cause.because}"] if cause.name != NONE else [told]
     return ModeJudgement("fail", [*reasons, *([f"repair: {cause.fix}"] if cause.fix else [])], cause)
 
@@ -54,9 +58,17 @@ def _taken(episodes: Frequencies, thresholds: Thresholds) -> str:
     demonstrated = [mode for mode, share in enumerate(episodes.proportions) if share > 0]
     covered = len(demonstrated) - len(episodes.missing(thresholds))
     return (
-        f"{covered} of {len(demonstrated)} ways are taken ({shares} % of the episodes, demonstrated {shown} %), "
-        f"and {100 * episodes.invalid_share:.1f} % of the episodes go none of them"
+        f"{covered} of {len(demonstrated)} ways are taken ({shares} % of the episodes, demonstrated {shown} "
+        f"%), and {100 * episodes.invalid_share:.1f} % of the episodes go none of them"
     )
+
+
+def _worse(chunks: Frequencies | None, thresholds: Thresholds) -> list[str]:
+    if chunks is None or chunks.good(thresholds):
+        return []
+    missing = "".join(f", and hardly any goes mode {mode}" for mode in chunks.missing(thresholds))
+    invalid = f"{100 * chunks.invalid_share:.0f} % of the chunks at the starts go none of the ways"
+    return [f"{invalid}{missing}: what is executed puts that right"]
 
 
 def _unlike(episodes: Frequencies) -> list[str]:
