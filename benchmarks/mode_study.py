@@ -25,6 +25,7 @@ from lerobot_act_chunking.durable_files import write_atomically
 
 ROOT = Path(__file__).parents[1]
 RESULTS, PAGE = ROOT / "benchmarks/results/mode_study.json", ROOT / "docs/instruments/modes.md"
+TRAINING = "training.json"
 MARK, END = "<!-- modes: python benchmarks/mode_study.py -->", "<!-- end -->"
 SHARES = {"80/15/5": ("--mode-shares", "80,15,5"), "equal": ()}
 DEMONSTRATIONS, CHUNK, BATCH = 200, 20, 64
@@ -150,7 +151,9 @@ class Study:
         found = output / f"checkpoints/{learner.steps:06d}/pretrained_model"
         if not (found / "model.safetensors").exists():
             fix = {**BALANCED, **learner.fix} if cell.fix == "balanced" else {}
-            train({**COMMON, **learner.settings, **fix}, learner.steps, self.record(cell.shares), output)
+            dataset, started = self.record(cell.shares), cpu_seconds()
+            train({**COMMON, **learner.settings, **fix}, learner.steps, dataset, output)
+            (output / TRAINING).write_text(json.dumps({"cpu_s": round(cpu_seconds() - started, 1)}))
         return found
 
     def result(self, cell: Cell) -> Path:
@@ -161,9 +164,9 @@ class Study:
         """What ``act-chunking modes`` says of the policy."""
         found = self.result(cell)
         if not found.exists():
-            seconds = cpu_seconds()
             checkpoint = str(self.checkpoint(cell))
-            trained = cpu_seconds() - seconds
+            training = self.folder / cell.place / TRAINING
+            seconds = json.loads(training.read_text())["cpu_s"] if training.exists() else None
             asked = ("--env.type=three_gates", f"--episodes={self.episodes}")
             draft, picture = found.with_suffix(".part"), found.with_suffix(".png")
             act_chunking("modes", checkpoint, *asked, "--json", str(draft), "--out", str(picture))
@@ -173,7 +176,7 @@ class Study:
                 "fix_tried": cell.fix,
                 "training_seed": 0,
             }
-            content = {**tried, "training_cpu_s": round(trained, 1), **json.loads(draft.read_text())}
+            content = {**tried, "training_cpu_s": seconds, **json.loads(draft.read_text())}
             content |= {"checkpoint": cell.place.name, "dataset": Path(content["dataset"]).name}
             write_atomically(found, json.dumps(content).encode())
         return json.loads(found.read_text())
@@ -220,9 +223,9 @@ def row(result: dict[str, Any]) -> list[str]:
         return f"{shares}, {100 * found['invalid_share']:.0f}"
 
     covered = len(result["proportions"]) - len(result["episodes"]["missing"])
-    cause = "" if result["verdict"] in ("pass", "warn") else result["cause"]
+    cause = "" if result["cause"] == "none" else result["cause"]
     of_chunks = told(result["chunks"])
-    fix = {"none": ""}.get(result["fix_tried"], result["fix_tried"])
+    fix = "" if result["fix_tried"] == "none" else result["fix_tried"]
     return [
         *(result["shares"], result["learner"], fix, told(result["episodes"]), of_chunks),
         *(f"{covered} of {len(result['proportions'])}", result["verdict"], cause),

@@ -34,8 +34,8 @@ def modes_command(
 ) -> None:
     """Does a policy take all demonstrated ways of doing the task, as often; if not, why, and what repairs it?
 
-    Exit status: 0 all ways are taken and hardly any episode goes none of them, 11 not so, 10 too few episodes,
-    or no ways are known.
+    Exit status: 0 all ways are taken and hardly any episode goes none of them, 11 not so, 10 too few
+    episodes, or no ways are known.
     """
     from lerobot_act_chunking.diagnostics.modes.diagnosis import diagnose
     from lerobot_act_chunking.diagnostics.modes.plots import plot_report

@@ -54,14 +54,18 @@ class Evidence:
 
 
 def find_cause(evidence: Evidence, thresholds: Thresholds) -> Cause:
-    """The first cause, from what is sampled to how it is executed, that the evidence shows."""
-    if evidence.episodes.good(thresholds):
+    """The first cause, from what is sampled to how it is executed, that the evidence shows.
+
+    Chunks that are wrong have one also where the episodes are right.
+    """
+    sampled_right = evidence.chunks is None or evidence.chunks.good(thresholds)
+    if evidence.episodes.good(thresholds) and sampled_right:
         return Cause(NONE)
     if evidence.chunks is None:
         return Cause(
             UNKNOWN, "the chunks could not be looked at", "give the demonstrations by --dataset=FOLDER"
         )
-    found = _executed if evidence.chunks.good(thresholds) else _sampled
+    found = _executed if sampled_right else _sampled
     every = (*found(evidence, evidence.chunks, thresholds), _unknown(evidence.chunks))
     return every[0]
 

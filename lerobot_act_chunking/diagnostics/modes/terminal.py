@@ -8,7 +8,7 @@ from lerobot_act_chunking.diagnostics.core.terminal import print_verdict, table_
 from lerobot_act_chunking.diagnostics.modes.inside import CodeModes, LatentModes
 from lerobot_act_chunking.diagnostics.modes.report import ModesReport
 
-INVALID = "none of them"
+INVALID = "none"
 
 
 def print_report(report: ModesReport, console: Console) -> None:
@@ -30,18 +30,18 @@ def print_report(report: ModesReport, console: Console) -> None:
 
 
 def _ways(report: ModesReport) -> Table:
-    """A row for each way, and one for what goes none of them."""
+    """A row for each way, and one for what goes none of them; in per cent."""
     episodes, inside = report.episodes, report.inside
     assert episodes is not None  # noqa: S101
-    kinds = {} if report.chunks is None else {"chunks %": report.chunks.frequencies}
+    kinds = {} if report.chunks is None else {"chunks": report.chunks.frequencies}
     if isinstance(inside, LatentModes):
-        kinds |= {"prior %": inside.prior, "posterior %": inside.posterior, "likeliest %": inside.likeliest}
+        kinds |= {"prior": inside.prior, "posterior": inside.posterior, "likeliest": inside.likeliest}
     extra: dict[str, list[float | None]] = {
         name: [*each.shares, each.invalid_share] for name, each in kinds.items()
     }
     if inside is not None:
-        extra["own %"] = [*inside.reconstructed, None]
-    table = table_of("mode", "demonstrated %", "episodes %", "95 % interval", "success %", *extra)
+        extra["own"] = [*inside.reconstructed, None]
+    table = table_of("mode", "shown %", "episodes", "95 %", "success", *extra)
     shown, taken = [*episodes.proportions, None], [*episodes.shares, episodes.invalid_share]
     for row, success in enumerate(report.successes):
         last = row == len(episodes.counts)

@@ -30,7 +30,7 @@ def judge(
     Args:
         episodes: the ways that they went; None if no ways are known.
         chunks: the ways of chunks at their starts, if they are known.
-        cause: why episodes do not go all ways.
+        cause: why episodes, or chunks, do not go all ways.
         thresholds: when to worry.
     """
     if episodes is None:
@@ -45,11 +45,11 @@ def judge(
         needed = -int(-thresholds.expected // least)
         few = f"{episodes.n} episodes are too few for a way that {least:.0%} of the demonstrations go"
         return ModeJudgement("inconclusive", [f"{few}: run --episodes {needed}", told], cause)
-    if episodes.good(thresholds):
-        worse = _worse(chunks, thresholds)
-        return ModeJudgement("warn" if worse else "pass", [told, *_unlike(episodes), *worse], cause)
-    reasons = [told, f"{cause.name}: {cause.because}"] if cause.name != NONE else [told]
-    return ModeJudgement("fail", [*reasons, *([f"repair: {cause.fix}"] if cause.fix else [])], cause)
+    why = [f"{cause.name}: {cause.because}", f"repair: {cause.fix}"] if cause.name != NONE else []
+    if not episodes.good(thresholds):
+        return ModeJudgement("fail", [told, *why], cause)
+    worse = _worse(chunks, thresholds)
+    return ModeJudgement("warn" if worse else "pass", [told, *_unlike(episodes), *worse, *why], cause)
 
 
 def _taken(episodes: Frequencies, thresholds: Thresholds) -> str:
@@ -67,8 +67,8 @@ def _worse(chunks: Frequencies | None, thresholds: Thresholds) -> list[str]:
     if chunks is None or chunks.good(thresholds):
         return []
     missing = "".join(f", and hardly any goes mode {mode}" for mode in chunks.missing(thresholds))
-    invalid = f"{100 * chunks.invalid_share:.0f} % of the chunks at the starts go none of the ways"
-    return [f"{invalid}{missing}: what is executed puts that right"]
+    invalid = f"{100 * chunks.invalid_share:.0f} % of the chunks at the starts go none of them"
+    return [f"the episodes put right what the chunks are not: {invalid}{missing}"]
 
 
 def _unlike(episodes: Frequencies) -> list[str]:

@@ -37,7 +37,11 @@ def cause_of(chunks, settings=None, episodes=INVALID, **found):
 
 
 def test_what_is_right_has_no_cause():
-    assert cause_of(RIGHT, episodes=RIGHT) == Cause(causes.NONE)
+    assert cause_of(RIGHT, episodes=RIGHT) == cause_of(None, episodes=RIGHT) == Cause(causes.NONE)
+
+
+def test_chunks_that_are_wrong_have_a_cause_though_the_episodes_are_right():
+    assert cause_of(INVALID, episodes=RIGHT, inside=latent()).name == causes.HOLE
 
 
 @pytest.mark.parametrize("dead", [{"kl": 0.001}, {"active_units": 0}])
@@ -132,7 +136,10 @@ def test_each_policy_has_its_way_to_keep_a_way(settings, option):
 
 def test_verdicts():
     assert judge(RIGHT, RIGHT, Cause(causes.NONE), USUAL).verdict == "pass"
-    assert judge(RIGHT, INVALID, Cause(causes.NONE), USUAL).verdict == "warn"
+    worse = judge(RIGHT, INVALID, Cause(causes.HOLE, "it is so", "do this"), USUAL)
+    assert worse.verdict == "warn"
+    assert "45 % of the chunks" in worse.reasons[1]
+    assert worse.reasons[2:] == ["hole in the prior: it is so", "repair: do this"]
     failed = judge(ONE, ONE, Cause(causes.HOLE, "it is so", "do this"), USUAL)
     assert failed.verdict == "fail"
     assert failed.reasons[1:] == ["hole in the prior: it is so", "repair: do this"]
