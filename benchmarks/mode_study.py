@@ -4,8 +4,8 @@
 
 records `three_gates` in the proportions 80/15/5 and equally, trains small networks of every policy type with
 several likelihoods and latents, asks `act-chunking modes` about each before and after its fix, and writes
-benchmarks/results/mode_study.json and the table in docs/instruments/modes.md. One training seed. What is done
-is kept in --folder: the same command goes on where it was.
+benchmarks/results/mode_study.json, and the table and the picture of docs/instruments/modes.md. One training
+seed. What is done is kept in --folder: the same command goes on where it was.
 """
 
 import argparse
@@ -25,7 +25,7 @@ from lerobot_act_chunking.durable_files import write_atomically
 
 ROOT = Path(__file__).parents[1]
 RESULTS, PAGE = ROOT / "benchmarks/results/mode_study.json", ROOT / "docs/instruments/modes.md"
-TRAINING = "training.json"
+IMAGE, TRAINING = ROOT / "docs/images/modes.png", "training.json"
 MARK, END = "<!-- modes: python benchmarks/mode_study.py -->", "<!-- end -->"
 SHARES = {"80/15/5": ("--mode-shares", "80,15,5"), "equal": ()}
 DEMONSTRATIONS, CHUNK, BATCH = 200, 20, 64
@@ -101,6 +101,9 @@ class Cell:
     def place(self) -> Path:
         words = (self.shares, self.learner, self.fix)
         return Path("_".join(words).replace("/", "-").replace(", ", "_").replace(" ", "-"))
+
+
+PICTURED = Cell(next(iter(SHARES)), GAUSSIAN)
 
 
 def cells() -> Iterator[Cell]:
@@ -277,6 +280,9 @@ def main() -> None:
     Console(width=160).print(shown)
     write_atomically(RESULTS, (json.dumps(done, indent=1) + "\n").encode())
     write_atomically(PAGE, with_table(PAGE.read_text(), done).encode())
+    picture = study.result(PICTURED).with_suffix(".png")
+    if picture.exists():
+        write_atomically(IMAGE, picture.read_bytes())
 
 
 if __name__ == "__main__":

@@ -70,7 +70,7 @@ def test_the_table_of_the_study_of_modes_is_that_of_its_results():
     assert tables.with_table(page, results) == page, "run: python benchmarks/mode_study.py"
     assert {each["learner"] for each in results} == set(tables.LEARNERS)
     assert page.count("| 80/15/5 |") == sum(each["shares"] == "80/15/5" for each in results)
-    assert max(each["training_cpu_s"] for each in results) <= 60
+    assert max(each["training_cpu_s"] or 0 for each in results) <= 60
     for each in results:
         assert (each["verdict"] == "fail") is bool(
             each["episodes"]["missing"] or each["episodes"]["invalid"] > 10

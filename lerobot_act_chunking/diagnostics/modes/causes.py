@@ -73,7 +73,7 @@ def find_cause(evidence: Evidence, thresholds: Thresholds) -> Cause:
 def _sampled(evidence: Evidence, chunks: Frequencies, thresholds: Thresholds) -> Iterator[Cause]:
     """What is wrong with the chunks themselves."""
     if isinstance(evidence.inside, LatentModes):
-        yield from _of_latent(evidence.config, evidence.inside, thresholds)
+        yield from _of_latent(evidence, evidence.inside, thresholds)
     if isinstance(evidence.inside, CodeModes):
         yield from _of_codes(evidence.inside, thresholds)
     invalid = chunks.invalid_share > thresholds.invalid
@@ -90,7 +90,8 @@ def _sampled(evidence: Evidence, chunks: Frequencies, thresholds: Thresholds) ->
     yield Cause(UNDERTRAINED, f"hardly any sampled chunk goes {missing}", _learn_rare(evidence.config))
 
 
-def _of_latent(config: Any, latent: LatentModes, thresholds: Thresholds) -> Iterator[Cause]:
+def _of_latent(evidence: Evidence, latent: LatentModes, thresholds: Thresholds) -> Iterator[Cause]:
+    config = evidence.config
     if latent.kl < thresholds.collapsed or not latent.active_units:
         weight = config.kl_weight
         yield Cause(
@@ -102,14 +103,21 @@ def _of_latent(config: Any, latent: LatentModes, thresholds: Thresholds) -> Iter
     if bad:
         because = f"not even their own styles bring demonstrations back to {_named(bad)}"
         yield Cause(UNDERTRAINED, because, _learn_rare(config))
-    if not latent.prior.good(thresholds):
-        fit = "act-chunking fit-prior CHECKPOINT DATASET --out FOLDER (no training; with --component-weights"
-        fix = (
-            f"{fit} uniform for all ways equally often)"
-            if config.latent_type == "gaussian"
-            else "--policy.latent_type=gaussian and act-chunking fit-prior, or train for longer"
-        )
-        yield Cause(HOLE, f"{_prior(latent)}; other demonstrations' styles: {_told(latent.posterior)}", fix)
+    hole = latent.posterior.good(thresholds) and not latent.prior.good(thresholds)
+    if hole and not evidence.deterministic:  # else acting does not sample the prior
+        found = f"chunks from the prior: {_told(latent.prior)}, from other demonstrations' styles: "
+        yield Cause(HOLE, f"{found}{_told(latent.posterior)}", _fill(config, latent))
+
+
+def _fill(config: Any, latent: LatentModes) -> str:
+    if config.latent_type != "gaussian":
+        return "--policy.latent_type=gaussian and act-chunking fit-prior, or train for longer"
+    if latent.fitted:
+        return "the fitted density does not follow the demonstrations: train for longer, and fit it again"
+    return (
+        "act-chunking fit-prior CHECKPOINT DATASET --out FOLDER (no training; --component-weights uniform for "
+        "all ways equally often)"
+    )
 
 
 def _of_codes(codes: CodeModes, thresholds: Thresholds) -> Iterator[Cause]:
@@ -191,10 +199,6 @@ def _poor(shares: list[float | None], thresholds: Thresholds) -> list[int]:
     return [
         mode for mode, share in enumerate(shares) if share is not None and share < thresholds.reconstructed
     ]
-
-
-def _prior(latent: LatentModes) -> str:
-    return f"chunks from the prior: {_told(latent.prior)}"
 
 
 def _told(found: Frequencies) -> str:

@@ -20,6 +20,7 @@ class LatentModes:
         prior: ways of chunks from the prior.
         posterior: ways of chunks from the aggregated posterior: from other demonstrations' styles.
         likeliest: ways of chunks from the prior's mode, which is z = 0 for a gaussian one.
+        fitted: whether the prior was fitted after training.
     """
 
     kl: float
@@ -29,6 +30,7 @@ class LatentModes:
     prior: Frequencies
     posterior: Frequencies
     likeliest: Frequencies
+    fitted: bool = False
 
     def to_json(self, thresholds: Thresholds) -> dict[str, Any]:
         """Plain numbers and lists."""
@@ -38,6 +40,7 @@ class LatentModes:
             "active_units": self.active_units,
             "errors": self.errors,
             "reconstructed": self.reconstructed,
+            "fitted": self.fitted,
             **{name: each.to_json(thresholds) for name, each in kinds.items()},
         }
 

@@ -54,6 +54,7 @@ def measure_latent(
         prior=taken("prior"),
         posterior=taken("posterior"),
         likeliest=Frequencies.of(ways["mode"], proportions),
+        fitted=bool(getattr(subject.latent, "fitted", False)),
     )
 
 

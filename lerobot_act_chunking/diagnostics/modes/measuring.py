@@ -24,6 +24,7 @@ from lerobot_act_chunking.policies.loading import LoadedPolicy
 MOST_STARTS = 200
 UNTOLD = "The first {length} actions do not tell the demonstrated ways apart, so that no chunks are judged."
 NO_DATA = "The demonstrations are not here, so that no chunks are judged: give --dataset=FOLDER."
+NO_LABELS = "The dataset does not record which way each demonstration goes, so that no chunks are judged."
 
 
 @dataclass(frozen=True)
@@ -107,9 +108,11 @@ def measure(
         judgement = judge(None, None, Cause(UNKNOWN), thresholds)
         return ModesReport(judgement=judgement, requested=settings, policy_type=config.type)
     episodes = Frequencies.of(ways.modes, ways.proportions)
-    # Clusters have numbers of their own: chunks are judged where both have the same.
-    closer = Closer(note=NO_DATA)
-    if demonstrated is not None and (demonstrated.source == "recording" or ways.told_by == "motion"):
+    if demonstrated is None:
+        closer = Closer(note=NO_DATA)
+    elif demonstrated.source == "clusters" and ways.told_by == "environment":
+        closer = Closer(note=NO_LABELS)  # clusters have numbers of their own
+    else:
         closer = _look_closer(settings, loaded, rollouts, demonstrated, ways.proportions)
     evidence = Evidence(
         config=config,

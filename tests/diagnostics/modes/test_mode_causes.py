@@ -58,6 +58,17 @@ def test_a_prior_that_misses_what_the_posteriors_cover_has_a_hole():
     assert "50/5/0 % and 45 % invalid" in found.because
 
 
+def test_what_the_posteriors_do_not_cover_either_is_no_hole():
+    assert cause_of(INVALID, inside=latent(posterior=INVALID)).name == causes.BLENDED
+
+
+def test_a_fitted_prior_is_not_told_to_be_fitted():
+    fitted = LatentModes(5.0, 3, [0.1] * 3, [1.0] * 3, INVALID, RIGHT, ONE, fitted=True)
+    found = cause_of(INVALID, inside=fitted)
+    assert found.name == causes.HOLE
+    assert "fit it again" in found.fix
+
+
 def test_a_way_that_its_own_style_does_not_bring_back_is_not_learned():
     found = cause_of(INVALID, inside=latent(reconstructed=(1.0, 0.9, 0.2)))
     assert found.name == causes.UNDERTRAINED
@@ -93,7 +104,7 @@ def test_one_chunk_between_the_ways_is_a_blend_and_one_of_a_way_is_no_sample():
 
 
 def test_a_latent_that_is_not_sampled_is_to_be_sampled():
-    found = cause_of(ONE, config(z_inference="mode"), deterministic=True, inside=latent(prior=RIGHT))
+    found = cause_of(ONE, config(z_inference="mode"), deterministic=True, inside=latent())
     assert (found.name, "z_inference=sample" in found.fix) == (causes.ONE_WAY, True)
 
 

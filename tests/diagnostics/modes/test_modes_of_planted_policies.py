@@ -1,6 +1,7 @@
 """Fake policies through the three gates: what they do is known, and so must the answer be."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -108,3 +109,10 @@ def test_where_the_environment_says_nothing_the_motion_tells(demonstrated):
 def test_a_mode_that_nobody_demonstrated_is_counted_with_no_share(demonstrated):
     ways = find_ways(settings(), [rollout(None, mode) for mode in (0, 1, 4)], demonstrated)
     assert ways.proportions == (0.8, 0.15, 0.05, 0.0, 0.0)
+
+
+def test_clusters_are_not_held_against_what_the_environment_calls_its_ways(demonstrated):
+    unnamed = replace(demonstrated, source="clusters")
+    report = report_of(Planted(lambda number, _: one_hot(0)), unnamed, shares=(80, 15, 5))
+    assert (report.source, report.told_by, report.chunks) == ("shares", "environment", None)
+    assert "does not record" in report.notes[0]
