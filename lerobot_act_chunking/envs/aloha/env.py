@@ -6,6 +6,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
+from lerobot_act_chunking.envs.aloha.failures import make_progress
 from lerobot_act_chunking.envs.aloha.modes import HandOverMode
 from lerobot_act_chunking.envs.aloha.options import AlohaSimOptions
 from lerobot_act_chunking.envs.aloha.success import SUCCESS_RULES, make_success_rule
@@ -33,6 +34,8 @@ class AlohaSimEnv(gym.Env):
     with several ways also ``mode``: which way this episode went (`HandOverMode`), -1 before that is decided
     and where it is none of them.
 
+    Failure: ``failure``, one of ``FAILURES``, or None once the episode has succeeded.
+
     Seeds: ``reset(seed=s)`` starts the very episode gym-aloha starts for seed ``s``, so results compare
     episode by episode; resets without a seed draw from ``np_random``; with
     ``reset(options={"object_pose": array})`` the caller places the objects.
@@ -59,6 +62,7 @@ class AlohaSimEnv(gym.Env):
         places = get_task(self.task).hand_overs
         self._mode = HandOverMode(places) if places else None
         self._rules = {name: make_success_rule(name, self.task) for name in SUCCESS_RULES}
+        self._progress = make_progress(self.task)
         self._renderer: OffscreenRenderer | None = None
         self.action_space = self._action_space()
         self.observation_space = self._observation_space()
@@ -79,6 +83,7 @@ class AlohaSimEnv(gym.Env):
             rule.reset()
         if self._mode is not None:
             self._mode.reset()
+        self._progress = make_progress(self.task)
         return self._observe(), self._info()
 
     def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
@@ -93,8 +98,14 @@ class AlohaSimEnv(gym.Env):
             rule.update(contacts)
         if self._mode is not None:
             self._mode.update(contacts, self.world.environment_state()[:3])
+        self._progress.update(contacts, self.world.heights())
         info = self._info()
         return self._observe(), float(self._reward(contacts)), info["is_success"], False, info
+
+    @property
+    def failure(self) -> str | None:
+        """How far this episode got, one of the task's ``FAILURES``; None once it has succeeded."""
+        return None if self._rules[self.options.success].succeeded else self._progress.failure
 
     def render(self) -> np.ndarray | None:
         """The ``top`` camera at visualization size, uint8 (height, width, 3); None without a render mode."""
