@@ -6,6 +6,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
+from lerobot_act_chunking.envs.robotics.failures import FAILURES, Progress
 from lerobot_act_chunking.envs.robotics.options import RoboticsOptions
 from lerobot_act_chunking.envs.robotics.original import make_original
 from lerobot_act_chunking.envs.robotics.tasks import get_task
@@ -25,6 +26,8 @@ class RoboticsEnv(gym.Env):
     the episode, with ``final`` it is ``success_final`` at the episode's last step and False before, so that
     LeRobot, which asks whether any step had ``is_success``, counts the last one alone. All are False at
     reset: no step has been taken.
+
+    Failure: ``failure``, one of ``FAILURES`` of the tasks that can tell; the others have no such attribute.
 
     Seeds: ``reset(seed=s)`` starts the episode that the original starts for ``s``.
 
@@ -51,6 +54,7 @@ class RoboticsEnv(gym.Env):
         self.max_episode_steps = self.options.episode_length or self.layout.episode_length
         self._max_episode_steps = self.max_episode_steps  # LeRobot reads it under this name
         self.original = make_original(self.task)
+        self._progress: Progress | None = None
         self._views = Views(self.original, self.options)
         self.action_space = self.original.action_space
         self.observation_space = self._observation_space()
@@ -61,9 +65,11 @@ class RoboticsEnv(gym.Env):
         """Start an episode, the one that the original starts for ``seed`` and ``options``."""
         super().reset(seed=seed)
         self._steps = 0
-        self._succeeded = False
+        self._succeeded = self._succeeds = False
         observation, _ = self.original.reset(seed=seed, options=options)
-        return self._observe(observation), self._info(succeeds=False, over=False)
+        observed = self._observe(observation)
+        self._progress = Progress(self.task, self.named_state) if self.task in FAILURES else None
+        return observed, self._info(over=False)
 
     def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """Advance one control step; the original clips actions to -1 .. 1.
@@ -72,13 +78,16 @@ class RoboticsEnv(gym.Env):
             FeatureError: an action of the wrong shape or not finite.
         """
         observation, reward, terminated, _, info = self.original.step(self._checked(action))
-        succeeds = self.layout.succeeds(info)
+        self._succeeds = self.layout.succeeds(info)
         self._steps += 1
-        self._succeeded = self._succeeded or succeeds
+        self._succeeded = self._succeeded or self._succeeds
         terminated = bool(terminated) or (self.options.success == "any" and self._succeeded)
         truncated = self._steps >= self.max_episode_steps
-        info = self._info(succeeds, over=terminated or truncated)
-        return self._observe(observation), float(reward), terminated, truncated, info
+        info = self._info(over=terminated or truncated)
+        observed = self._observe(observation)
+        if self._progress is not None:
+            self._progress.update(self.named_state, at_goal=self._succeeds)
+        return observed, float(reward), terminated, truncated, info
 
     def render(self) -> np.ndarray | None:
         """The ``view`` camera at visualization size, uint8 (height, width, 3); None without a render mode."""
@@ -92,14 +101,26 @@ class RoboticsEnv(gym.Env):
         """Every part of the present state and the goal by its name, whatever is observed."""
         return self._complete.named(*self._complete.split(self._original_observation))
 
+    @property
+    def failure(self) -> str | None:
+        """How far this episode got, one of the task's ``FAILURES``; None where it succeeds.
+
+        Raises:
+            AttributeError: the task is not among them, or no episode has begun.
+        """
+        if self._progress is None:
+            raise AttributeError(f"the present episode of {self.task} cannot tell how it failed")
+        succeeds = self._succeeded if self.options.success == "any" else self._succeeds
+        return None if succeeds else self._progress.failure
+
     def close(self) -> None:
         """Free the simulation's and the images' resources."""
         self._views.close()
         self.original.close()
 
-    def _info(self, succeeds: bool, over: bool) -> dict[str, Any]:
-        chosen = self._succeeded if self.options.success == "any" else succeeds and over
-        return {"is_success": chosen, "success_any": self._succeeded, "success_final": succeeds}
+    def _info(self, over: bool) -> dict[str, Any]:
+        chosen = self._succeeded if self.options.success == "any" else self._succeeds and over
+        return {"is_success": chosen, "success_any": self._succeeded, "success_final": self._succeeds}
 
     def _observe(self, original: Any) -> dict[str, Any]:
         self._original_observation = original
