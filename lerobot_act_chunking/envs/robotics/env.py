@@ -4,13 +4,13 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium import spaces
 
 from lerobot_act_chunking.envs.robotics.failures import FAILURES, Progress
 from lerobot_act_chunking.envs.robotics.options import RoboticsOptions
 from lerobot_act_chunking.envs.robotics.original import make_original
 from lerobot_act_chunking.envs.robotics.tasks import get_task
 from lerobot_act_chunking.envs.robotics.views import Views
+from lerobot_act_chunking.envs.spaces import observation_space
 from lerobot_act_chunking.errors import FeatureError, unknown_choice
 
 
@@ -57,7 +57,8 @@ class RoboticsEnv(gym.Env):
         self._progress: Progress | None = None
         self._views = Views(self.original, self.options)
         self.action_space = self.original.action_space
-        self.observation_space = self._observation_space()
+        states = {"agent_pos": len(self.layout.state_names)}
+        self.observation_space = observation_space(self.options, states, len(self.layout.environment_names))
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -144,19 +145,3 @@ class RoboticsEnv(gym.Env):
             bad = [name for name, value in zip(names, action, strict=True) if not np.isfinite(value)]
             raise FeatureError(f"the action is not finite at {', '.join(bad)}")
         return action
-
-    def _observation_space(self) -> spaces.Dict:
-        members: dict[str, spaces.Space[Any]] = {}
-        if self.options.obs_type != "pixels":
-            members["agent_pos"] = _unbounded(len(self.layout.state_names))
-        if self.options.obs_type == "state":
-            members["environment_state"] = _unbounded(len(self.layout.environment_names))
-        else:
-            shape = (self.options.observation_height, self.options.observation_width, 3)
-            image = spaces.Box(0, 255, shape, np.uint8)
-            members["pixels"] = spaces.Dict(dict.fromkeys(self.options.cameras, image))
-        return spaces.Dict(members)
-
-
-def _unbounded(size: int) -> spaces.Box:
-    return spaces.Box(-np.inf, np.inf, (size,), np.float64)
