@@ -115,8 +115,8 @@ def _fill(config: Any, latent: LatentModes) -> str:
     if latent.fitted:
         return "the fitted density does not follow the demonstrations: train for longer, and fit it again"
     return (
-        "act-chunking fit-prior CHECKPOINT DATASET --out FOLDER (no training; --component-weights uniform for "
-        "all ways equally often)"
+        "act-chunking fit-prior CHECKPOINT DATASET --out FOLDER (no training; --component-weights uniform: "
+        "all components equally often)"
     )
 
 

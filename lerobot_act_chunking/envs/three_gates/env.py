@@ -6,7 +6,8 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from lerobot_act_chunking.envs.rendering import OffscreenRenderer
+from lerobot_act_chunking.envs.rendering import Images
+from lerobot_act_chunking.envs.spaces import observation_space
 from lerobot_act_chunking.envs.three_gates.options import CAMERA, ThreeGatesOptions
 from lerobot_act_chunking.envs.three_gates.world import FPS, LIMIT, START_RADIUS, ThreeGatesWorld, gate_of
 from lerobot_act_chunking.errors import unknown_choice
@@ -43,9 +44,10 @@ class ThreeGatesEnv(gym.Env):
         self.task = self.options.task
         self.task_description = INSTRUCTION
         self.world = ThreeGatesWorld()
-        self._renderer: OffscreenRenderer | None = None
+        self._images = Images(self.world.model, self.options)
         self.action_space = spaces.Box(-LIMIT, LIMIT, (2,), np.float32)
-        self.observation_space = self._observation_space()
+        vectors = ("agent_pos", "agent_vel") if self.options.agent_vel else ("agent_pos",)
+        self.observation_space = observation_space(self.options, dict.fromkeys(vectors, 2), 6)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -71,13 +73,12 @@ class ThreeGatesEnv(gym.Env):
         """The view from above at visualization size, uint8 (height, width, 3); None without a render mode."""
         if self.render_mode is None:
             return None
-        return self._image(self.options.visualization_height, self.options.visualization_width)
+        size = self.options.visualization_height, self.options.visualization_width
+        return self._images.render(self.world.data, CAMERA, *size)
 
     def close(self) -> None:
         """Free the OpenGL context, if one was ever opened."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+        self._images.close()
 
     def _info(self) -> dict[str, Any]:
         mode = gate_of(self.world.qpos())
@@ -93,33 +94,7 @@ class ThreeGatesEnv(gym.Env):
             observation["environment_state"] = self.world.gates()
         else:
             size = self.options.observation_height, self.options.observation_width
-            observation["pixels"] = {camera: self._image(*size) for camera in self.options.cameras}
+            observation["pixels"] = {
+                camera: self._images.render(self.world.data, camera, *size) for camera in self.options.cameras
+            }
         return observation
-
-    def _image(self, height: int, width: int) -> np.ndarray:
-        if self._renderer is None:
-            self._renderer = OffscreenRenderer(
-                self.world.model,
-                max_height=max(self.options.observation_height, self.options.visualization_height),
-                max_width=max(self.options.observation_width, self.options.visualization_width),
-                effects=self.options.render_quality == "full",
-            )
-        return self._renderer.render(self.world.data, CAMERA, height, width)
-
-    def _observation_space(self) -> spaces.Dict:
-        members: dict[str, spaces.Space[Any]] = {}
-        if self.options.obs_type != "pixels":
-            members["agent_pos"] = _unbounded(2)
-        if self.options.agent_vel:
-            members["agent_vel"] = _unbounded(2)
-        if self.options.obs_type == "state":
-            members["environment_state"] = _unbounded(6)
-        else:
-            shape = (self.options.observation_height, self.options.observation_width, 3)
-            image = spaces.Box(0, 255, shape, np.uint8)
-            members["pixels"] = spaces.Dict(dict.fromkeys(self.options.cameras, image))
-        return spaces.Dict(members)
-
-
-def _unbounded(size: int) -> spaces.Box:
-    return spaces.Box(-np.inf, np.inf, (size,), np.float64)

@@ -164,7 +164,7 @@ def test_a_place_counts_within_its_tolerance(mode, off):
         {(LEFT_FINGER, RIGHT_FINGER), (CUBE, RIGHT_FINGER)},
         set(),
     ],
-    ids=str,
+    ids=["right", "left", "on the table", "fingers that meet", "nothing"],
 )
 def test_only_both_hands_off_the_table_are_a_hand_over(contacts):
     rule = HandOverMode(PLACES)

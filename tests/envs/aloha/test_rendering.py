@@ -119,7 +119,7 @@ def test_sizes_share_a_context_and_do_not_disturb_each_other(world):
 def test_close_frees_the_context_and_can_be_repeated():
     env = AlohaSimEnv(obs_type="pixels", observation_height=24, observation_width=32)
     env.reset(seed=0)
-    renderer = env._renderer
+    renderer = env._images._renderer
     env.close()
     env.close()
     assert not renderer.close.alive
@@ -147,7 +147,7 @@ weakref.finalize(AlohaSimEnv, int)  # as torch and others do: finalizers then ru
 env = AlohaSimEnv(obs_type="pixels", observation_height=24, observation_width=32)
 assert "mujoco.egl" not in sys.modules, "chosen at the first image"
 env.reset(seed=0)
-print(type(env._renderer._gl).__module__)
+print(type(env._images._renderer._gl).__module__)
 """
     done = run_headless(program)
     assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "mujoco.egl", "")
