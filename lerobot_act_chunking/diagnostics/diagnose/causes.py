@@ -21,6 +21,8 @@ SHAKY = 0.05
 """Share of the mean action's error on its own demonstrations that a trained policy stays below."""
 OVERFITTED = 3.0
 """Error on other demonstrations, as a multiple of that on its own, of who has learned them by heart."""
+WIDE = 2.0
+"""Distance of two chunks, as a multiple of their error, from which they are of different ways."""
 CHANNELS = 3
 CLOSER = 0.5
 """Share of the distance that another order of the channels must leave, to be the right one."""
@@ -118,6 +120,22 @@ def weak_training(own: Knowledge | None, other: Knowledge | None) -> Finding:
         held = f"{told}, on others by {100 * other.error / other.mean_action:.1f} %."
         return Finding(name, True, held, "record more demonstrations, or train less of this network")
     return Finding(name, False, f"{told}.")
+
+
+def modes_and_boundaries(own: Knowledge | None) -> Finding:
+    """How far chunks differ that are drawn at one observation, or that follow each other; a hint, no verdict.
+
+    Args:
+        own: how well some demonstrations are known.
+    """
+    name = "draws and boundaries"
+    if own is None:
+        return Finding(name, None, "Without demonstrations there is nothing to draw chunks at.")
+    told = f"Where demonstrators were, two draws differ by {own.scatter:.2g} [std]"
+    if own.disagreement is not None:
+        told += f", a chunk and the next one by {own.disagreement:.2g}"
+    worst = max(own.scatter, own.disagreement or 0.0)
+    return Finding(name, worst > WIDE * own.error, f"{told}; the error is {own.error:.2g}.")
 
 
 def holds_still(records: Sequence[Record], spans: np.ndarray) -> Finding:

@@ -15,6 +15,7 @@ from lerobot_act_chunking.compat import action_of
 from lerobot_act_chunking.data.actions import episode_starts, is_dataset
 from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
 from lerobot_act_chunking.diagnostics.core.compatibility import OTHER_DATASET, check_features
+from lerobot_act_chunking.diagnostics.core.drawing import drawing
 from lerobot_act_chunking.diagnostics.core.episodes import evenly
 from lerobot_act_chunking.diagnostics.core.executable import predicting
 from lerobot_act_chunking.diagnostics.core.training import read_training
@@ -50,17 +51,19 @@ class Demonstrations:
 
 @dataclass(frozen=True)
 class Knowledge:
-    """How far off the policy's chunks are where a demonstrator was.
+    """How the policy's chunks are where a demonstrator was, in standard deviations of the action.
 
     Attributes:
-        error: mean absolute error [standard deviations of the action].
+        error: mean absolute distance from what the demonstrator did.
         mean_action: the same of always doing the mean action.
-        first_action: the same of holding the first demonstrated action.
+        scatter: of two chunks that are drawn at the same observation, from each other; 0 without noise.
+        disagreement: of a chunk and the next one, at the steps that both cover; None if they never overlap.
     """
 
     error: float
     mean_action: float
-    first_action: float
+    scatter: float
+    disagreement: float | None
 
 
 def find_demonstrations(given: str | None, checkpoint: str, config: Any) -> Demonstrations | None:
@@ -117,45 +120,56 @@ def ask(policy: LoadedPolicy, demonstrations: Demonstrations, episodes: Sequence
     """
     if not episodes:
         return None
-    config = policy.policy.config
-    chunk = _chunk(policy, demonstrations, episodes)
-    predicted, demonstrated, counts = chunk
-    stats = demonstrations.stats[ACTION]
-    spread, mean = (np.ravel(stats[name]).astype(np.float64) for name in ("std", "mean"))
-    moves = spread > max(1e-6, float(getattr(predicting(config), "norm_std_floor", 0.0) or 0.0))
-    scale = np.where(moves, spread, np.inf)
-
-    def off(actions: np.ndarray) -> float:
-        return float(
-            (np.abs(actions - demonstrated) / scale)[counts].mean() * len(moves) / max(1, moves.sum())
-        )
-
-    return Knowledge(off(predicted), off(np.broadcast_to(mean, demonstrated.shape)), off(demonstrated[:, :1]))
-
-
-def _chunk(
-    policy: LoadedPolicy, demonstrations: Demonstrations, episodes: Sequence[int]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Predicted and demonstrated chunks (M, T, A), and which steps (M, T) lie within their episode."""
-    config = predicting(policy.policy.config)
-    dataset, fps = demonstrations.dataset, demonstrations.fps
-    columns = dataset.hf_dataset.with_format("numpy")
+    columns = demonstrations.dataset.hf_dataset.with_format("numpy")
     index = np.asarray(columns["episode_index"][:])
     rows = np.flatnonzero(np.isin(index, episodes))
     rows = rows[evenly(len(rows), OBSERVATIONS)]
-    deltas = config.observation_delta_indices or [0]
-    keys = [*config.input_features, "task"]
-    times = (
-        {key: [delta / fps for delta in deltas] for key in config.input_features} if len(deltas) > 1 else None
+    first = _chunks(policy, demonstrations, rows)
+    again = _chunks(policy, demonstrations, rows, draw=1)
+    steps = rows[:, None] + np.arange(first.shape[1])
+    last = len(index) - 1
+    inside = (steps <= last) & (index[np.minimum(steps, last)] == index[rows][:, None])
+    actions = np.stack(list(columns[ACTION][:])).astype(np.float64)[np.minimum(steps, last)]
+    stats = demonstrations.stats[ACTION]
+    spread, mean = (np.ravel(stats[name]).astype(np.float64) for name in ("std", "mean"))
+    floor = float(getattr(predicting(policy.policy.config), "norm_std_floor", 0.0) or 0.0)
+    moving = spread > max(floor, 1e-6)
+
+    def size(differences: np.ndarray) -> float:
+        return float((np.abs(differences[..., moving]) / spread[moving]).mean())
+
+    every = policy.policy.config.execution_settings.replan_interval
+    follows = inside[:, min(every, inside.shape[1] - 1)]
+    overlaps = every < first.shape[1] and follows.any()
+    return Knowledge(
+        error=size((first - actions)[inside]),
+        mean_action=size((mean - actions)[inside]),
+        scatter=size((first - again)[inside]),
+        disagreement=size(
+            first[follows, every:]
+            - _chunks(policy, demonstrations, rows[follows] + every)[:, : first.shape[1] - every]
+        )
+        if overlaps
+        else None,
     )
-    windows = LeRobotDataset(dataset.repo_id, root=dataset.root, delta_timestamps=times)
-    batch = default_collate([{key: windows[int(row)][key] for key in keys} for row in rows])
-    policy.reset()
-    with torch.inference_mode():
+
+
+def _chunks(
+    policy: LoadedPolicy, demonstrations: Demonstrations, rows: np.ndarray, draw: int = 0
+) -> np.ndarray:
+    """What the policy would do at these rows, (M, T, A) in raw units."""
+    config = predicting(policy.policy.config)
+    dataset, deltas = demonstrations.dataset, config.observation_delta_indices or [0]
+    keys = [*config.input_features, "task"]
+    several = {key: [delta / demonstrations.fps for delta in deltas] for key in config.input_features}
+    windows = LeRobotDataset(
+        dataset.repo_id, root=dataset.root, delta_timestamps=several if len(deltas) > 1 else None
+    )
+    items: list[Any] = [windows[int(row)] for row in rows]
+    batch = default_collate([{key: item[key] for key in keys} for item in items])
+    with drawing(policy.policy, draw, 0), torch.inference_mode():
+        policy.reset()
         chunk = action_of(policy.policy.predict_action_chunk(policy.preprocessor(batch)))
-        predicted = policy.postprocessor(chunk.flatten(0, 1)).cpu().numpy().reshape(chunk.shape)
+        raw = policy.postprocessor(chunk.flatten(0, 1)).cpu().numpy().reshape(chunk.shape)
     policy.reset()
-    steps = rows[:, None] + np.arange(predicted.shape[1])
-    inside = (steps < len(index)) & (index[np.minimum(steps, len(index) - 1)] == index[rows][:, None])
-    actions = np.stack(list(columns[ACTION][:])).astype(np.float64)
-    return predicted.astype(np.float64), actions[np.minimum(steps, len(index) - 1)], inside
+    return raw.astype(np.float64)

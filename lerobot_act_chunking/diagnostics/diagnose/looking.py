@@ -84,6 +84,7 @@ def look(
         causes.stalls(failing),
         causes.out_of_range(outside),
         causes.weak_training(seen, unseen),
+        causes.modes_and_boundaries(seen),
     ]
     return Seen(findings, seen, unseen, bool(differ) or bool(inert.found), outside)
 

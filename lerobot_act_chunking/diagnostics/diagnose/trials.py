@@ -127,9 +127,9 @@ def make_trials(
 
 def _drawing(executable: Executable) -> Iterator[Trial]:
     """Other draws, and other ways of making something of them."""
-    config: Any = predicting(executable.config)
-    if not isinstance(config, ChunkedConfig):
+    if not isinstance(predicting(executable.config), ChunkedConfig):
         return
+    config: Any = predicting(executable.config)
     changes: list[tuple[str, str, dict[str, Any]]] = []
     if config.type == "act_chunked" and config.is_stochastic:
         if config.use_vae and config.z_inference == "sample":

@@ -13,6 +13,8 @@ from lerobot_act_chunking.diagnostics.diagnose.trials import MEANINGS
 
 MOST_OF_THEM = 0.5
 """Share of the failures that an intervention has to repair, or under-training is named before it."""
+BY_CHANCE = 0.5
+"""Share of the failures that other noise alone repairs, if they are a matter of the draw."""
 STATISTICS = ("inert statistics", "wrong statistics")
 WITHOUT = (
     "without an environment no episode is seen to fail and nothing can be changed: whether chunks are used "
@@ -67,7 +69,7 @@ def judge(measured: Measured | None, seen: Seen) -> DiagnoseJudgement:
     if measured.too_few:
         n = len(measured.failures)
         return _open(
-            f"{n} failures are too few: run more --episodes ({FEWEST_FAILURES} failures tell causes from chance)"
+            f"{n} failures are too few: run more --episodes ({FEWEST_FAILURES} tell causes from chance)"
         )
     causes = _causes(measured, seen, certain)
     if causes:
@@ -97,8 +99,20 @@ def _causes(measured: Measured, seen: Seen, certain: Sequence[Finding]) -> list[
     weak = _finding(seen, "under-training or too little data")
     if weak is not None and all(share < MOST_OF_THEM for share, _ in found):
         found.append((MOST_OF_THEM, _seen(weak)))
+    if not found and (drawn := measured.repetition) is not None and drawn.rate >= BY_CHANCE:
+        found.append((drawn.rate, _drawn(drawn)))
     ordered = [cause for _, cause in sorted(found, key=lambda each: -each[0])]
     return ordered + [_shown(each) for each in (measured.ranking.further if measured.ranking else ())]
+
+
+def _drawn(repetition: SuccessRate) -> Cause:
+    low, high = (100 * end for end in repetition.exact_interval)
+    return Cause(
+        "wrong mode",
+        f"what is drawn decides: with other noise and nothing changed {repetition.successes} of "
+        f"{repetition.episodes} failing episodes succeed ({low:.0f} to {high:.0f} %).",
+        "leave out demonstrations of the way that fails (act-chunking data), or train for longer",
+    )
 
 
 def _finding(seen: Seen, name: str) -> Finding | None:
