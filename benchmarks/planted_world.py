@@ -15,17 +15,22 @@ from lerobot.envs.configs import EnvConfig
 __path__ = []  # LeRobot's --env.discover_packages_path takes every module for a package
 FPS, LIMIT = 20, 140
 POST, OBSTACLE, RADIUS = np.array([0.0, -0.6]), np.array([0.0, 0.0]), 0.25
-REACH, SPEED, WAIT = 0.07, 0.04, 12
-STARTS, GOALS, JUMPS = (-0.3, 0.3), (-0.4, 0.4), (0.3, 0.55)
+REACH, SPEED, ASIDE, WAIT = 0.07, 0.04, 0.03, 5
+STARTS, GOALS, JUMPS = (-0.3, 0.3), (-0.3, 0.3), (0.25, 0.45)
 
 
 class Courier(gym.Env):
-    """Actions are positions to go to; success is to cross the line y = 1 at the goal."""
+    """Actions are positions to go to; success is to cross the line y = 1 at the goal.
+
+    Args:
+        unfair: share of the episodes in which the goal jumps so late, and so far, that nobody meets it.
+    """
 
     action_space = gym.spaces.Box(-2, 2, (2,), np.float32)
     task = task_description = "meet the goal"
 
-    def __init__(self) -> None:
+    def __init__(self, unfair: float = 0.0) -> None:
+        self.unfair = unfair
         vector = gym.spaces.Box(-9, 9, (2,), np.float64)
         self.observation_space = gym.spaces.Dict({"agent_pos": vector, "environment_state": vector})
 
@@ -35,6 +40,8 @@ class Courier(gym.Env):
         self.position = np.array([draw(*STARTS), -1.0])
         self.goal, self.next = np.array([draw(*GOALS), 1.0]), np.array([draw(*GOALS), 1.0])
         self.jump, self.failure = draw(*JUMPS), None
+        if draw() < self.unfair:
+            self.jump, self.next[0] = 0.95, -np.copysign(GOALS[1], self.goal[0])
         return self._observe(), {}
 
     def step(self, action):
@@ -67,17 +74,15 @@ class Demonstrator:
 
     def act(self, position: np.ndarray, goal: np.ndarray) -> np.ndarray:
         """The command (2,), a step ahead, at this observation."""
-        ways = (POST, np.array([0.42 * self.side, 0.0]), None)
         if self.passed == 0 and np.linalg.norm(position - POST) < 1e-3:
             self.waited += 1
             self.passed = int(self.waited > WAIT)
         if self.passed == 1 and position[1] > -1e-3:
             self.passed = 2
-        target = ways[self.passed]
-        if target is None:
-            # straight to the goal, and through the line
-            target = goal + np.array([0.0, 0.02])
-        step = target - position
+        if self.passed == 2:  # to the side of the goal first, then straight through the line
+            aside = float(np.clip(goal[0] - position[0], -ASIDE, ASIDE))
+            return position + np.array([aside, (SPEED**2 - aside**2) ** 0.5])
+        step = (POST, np.array([0.42 * self.side, 0.0]))[self.passed] - position
         return position + step * min(1.0, SPEED / max(float(np.linalg.norm(step)), 1e-9))
 
 
@@ -131,6 +136,7 @@ class CourierConfig(EnvConfig):
 
     task: str | None = "Courier-v0"
     fps: int = FPS
+    unfair: float = 0.0
     features: dict = field(
         default_factory=lambda: {
             "action": PolicyFeature(FeatureType.ACTION, (2,)),
@@ -148,7 +154,7 @@ class CourierConfig(EnvConfig):
 
     @property
     def gym_kwargs(self) -> dict:
-        return {"max_episode_steps": LIMIT}
+        return {"max_episode_steps": LIMIT, "unfair": self.unfair}
 
 
 gym.register("gym_planted_courier/Courier-v0", Courier)

@@ -26,7 +26,7 @@ def diagnose_command(
     ] = None,
     episodes: Annotated[int, typer.Option(help="Of the policy as it is.")] = 100,
     most: Annotated[
-        int, typer.Option(help="Failing episodes to intervene on, and as many succeeding ones.")
+        int, typer.Option(help="Failing episodes to intervene on; three times as many succeeding ones.")
     ] = 40,
     minutes: Annotated[float, typer.Option(help="No episodes are begun after this time.")] = 20.0,
     seed: Annotated[int, typer.Option(help="Of the first episode.")] = 1000,

@@ -18,6 +18,8 @@ ENOUGH = 100
 """Episodes from which on that share means something."""
 FIRST_LOOK = 8
 """Failures on which every intervention is tried; one that repairs none of them is given up."""
+CONTROLS = 3
+"""Succeeding episodes for each failing one, at most: what an intervention breaks counts as much."""
 CONTENDERS = 3
 """Interventions, of as many hypotheses, that take over from later states."""
 
@@ -67,12 +69,12 @@ def intervene(
         laboratory: runs the episodes.
         records: of the policy as it is.
         trials: the interventions.
-        most: failing episodes, and as many succeeding ones.
+        most: failing episodes; of succeeding ones `CONTROLS` times as many.
         noisy: whether the policy draws anything, so that a repetition comes out otherwise.
     """
     failures = [each.episode.seed for each in records if not each.episode.success]
     successes = [each.episode.seed for each in records if each.episode.success]
-    failing, controls = failures[:most], successes[:most]
+    failing, controls = failures[:most], successes[: CONTROLS * most]
     first, rest = failing[:FIRST_LOOK], failing[FIRST_LOOK:]
     again = laboratory.try_out({REPETITION: failing})[REPETITION] if noisy else {}
     found = laboratory.try_out(dict.fromkeys(trials, first))

@@ -19,7 +19,7 @@ class Settings:
         environment: where the policy fails; without one, what a dataset can tell is told.
         dataset: folder of demonstrations; by default those of the checkpoint's training, if they are here.
         episodes: of the policy as it is.
-        most: failing episodes to intervene on, and as many succeeding ones to see what breaks.
+        most: failing episodes to intervene on; of succeeding ones, which may break, three times as many.
         minutes: no episodes are begun after this time.
         seed: of the first episode.
         batch_size: episodes that act together.
