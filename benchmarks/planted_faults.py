@@ -3,8 +3,8 @@
     OMP_NUM_THREADS=1 python benchmarks/planted_faults.py --folder outputs/planted
 
 trains small healthy policies on demonstrations of `planted_world.Courier` and of `transfer_cube`, plants one
-fault at a time into copies of them, diagnoses each, and writes benchmarks/results/planted_faults.json. What is
-there is not done again. Cells whose policy does not fail often enough are listed with how often it fails.
+fault at a time into copies of them, diagnoses each, and writes benchmarks/results/planted_faults.json. What
+is there is not done again. Cells whose policy does not fail often enough are listed with how often it fails.
 """
 
 import argparse
@@ -20,6 +20,7 @@ import planted_world
 import torch
 from lerobot.configs import PreTrainedConfig
 from lerobot.policies.factory import get_policy_class
+from lerobot.utils.import_utils import register_third_party_plugins
 from policy_training import Recording
 from rich.console import Console
 from rich.table import Table
@@ -287,21 +288,20 @@ def show(results: list[dict[str, Any]], console: Console) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description="Plant faults into policies, and see whether they are named."
-    )
+    parser = argparse.ArgumentParser(description="Plant faults, and see whether they are named.")
     parser.add_argument("--folder", type=Path, default=Path("outputs/planted"))
     parser.add_argument("--output", type=Path, default=RESULT)
-    parser.add_argument("--only", default="", help="run the cells whose task, policy or fault contains this")
+    parser.add_argument("--only", nargs="*", default=[""], help="parts of the names of cells to run")
     parser.add_argument("--again", action="store_true", help="run cells that are in the output again")
     options = parser.parse_args()
     quiet_missing_ffmpeg()
+    register_third_party_plugins()
     torch.set_num_threads(1)
     console, folder = Console(), options.folder.resolve()
     results = json.loads(options.output.read_text())["cells"] if options.output.exists() else []
     workshop = Workshop(folder, console)
     for task, kind, name in cells():
-        asked = options.only in f"{task} {kind} {name}"
+        asked = any(each in f"{task} {kind} {name}" for each in options.only)
         there = [
             each for each in results if (each["task"], each["policy"], each["fault"]) == (task, kind, name)
         ]

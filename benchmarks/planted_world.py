@@ -23,7 +23,7 @@ class Courier(gym.Env):
     """Actions are positions to go to; success is to cross the line y = 1 at the goal.
 
     Args:
-        unfair: share of the episodes in which the goal jumps so late, and so far, that nobody meets it.
+        unfair: share of the episodes in which the goal is closed, which nobody sees.
     """
 
     action_space = gym.spaces.Box(-2, 2, (2,), np.float32)
@@ -40,8 +40,7 @@ class Courier(gym.Env):
         self.position = np.array([draw(*STARTS), -1.0])
         self.goal, self.next = np.array([draw(*GOALS), 1.0]), np.array([draw(*GOALS), 1.0])
         self.jump, self.failure = draw(*JUMPS), None
-        if draw() < self.unfair:
-            self.jump, self.next[0] = 0.95, -np.copysign(GOALS[1], self.goal[0])
+        self.closed = draw() < self.unfair
         return self._observe(), {}
 
     def step(self, action):
@@ -52,7 +51,7 @@ class Courier(gym.Env):
             self.goal = self.next
         hit = bool(np.linalg.norm(self.position - OBSTACLE) < RADIUS)
         there = bool(self.position[1] >= 1.0)
-        success = there and abs(self.position[0] - self.goal[0]) < REACH
+        success = there and not self.closed and abs(self.position[0] - self.goal[0]) < REACH
         self.failure = "hit" if hit else "missed" if there and not success else None
         return self._observe(), self.position[1], hit or there, False, {"is_success": bool(success)}
 

@@ -17,7 +17,7 @@ MARGIN = 0.05
 """How far beyond the demonstrations' starts, as a share of their range, a start still is inside."""
 HARDLY = 0.8
 """Of the mean action's error: what has learned is well below."""
-SHAKY = 0.05
+SHAKY = 0.08
 """Share of the mean action's error on its own demonstrations that a trained policy stays below."""
 OVERFITTED = 3.0
 """Error on other demonstrations, as a multiple of that on its own, of who has learned them by heart."""
@@ -89,36 +89,53 @@ def other_statistics(differ: Sequence[str] | None, far: Mapping[str, float]) -> 
     )
 
 
-def initial_weights(sentence: str | None, own: Knowledge | None) -> Finding:
-    """Whether anything was learned.
+def initial_weights(sentence: str | None) -> Finding:
+    """Whether the weights are those that every network begins with.
 
     Args:
-        sentence: that the weights are the initial ones, if they are.
-        own: how well the demonstrations of the training are known, if they are here.
+        sentence: that they are, if they are.
     """
-    name, repair = "untrained", "give a checkpoint of a finished lerobot-train, or train for longer"
-    if sentence is not None:
-        return Finding(name, True, "All weights are still the initial ones.", repair, certain=True)
+    if sentence is None:
+        return Finding("untrained", False, "The weights are not the initial ones.")
+    evidence, repair = (
+        "All weights are still the initial ones.",
+        "give a checkpoint of a finished lerobot-train",
+    )
+    return Finding("untrained", True, evidence, repair, certain=True)
+
+
+def hardly_learned(own: Knowledge | None) -> Finding:
+    """Whether the demonstrations of its training are known better than by their mean action.
+
+    Args:
+        own: how well they are known; None if they are not here, or if what it is given is not normalised.
+    """
+    name = "hardly learned"
     if own is None:
-        return Finding(name, None, "The weights have changed; without demonstrations no more can be said.")
-    told = f"On demonstrations it is off by {own.error:.2g}, the mean action by {own.mean_action:.2g} [std]."
-    if own.error > HARDLY * own.mean_action:
-        return Finding(name, True, f"It has hardly learned. {told}", repair, certain=True)
-    return Finding(name, False, told)
+        return Finding(name, None, "Nothing to compare the policy's chunks with.")
+    told = (
+        f"At once off by {own.soon:.2g} from demonstrators, the mean action by {own.mean_action:.2g} [std]."
+    )
+    if own.soon <= HARDLY * own.mean_action:
+        return Finding(name, False, told)
+    return Finding(name, True, told, "train for longer, and look at the training's loss", certain=True)
 
 
 def weak_training(own: Knowledge | None, other: Knowledge | None) -> Finding:
-    """Whether the demonstrations of its training are badly known, or only these are well known."""
+    """Whether the demonstrations of its training are badly known, or only these are well known.
+
+    The first tenth of a chunk counts: what comes later may follow from nothing that was observed.
+    """
     name = "under-training or too little data"
     if own is None:
         return Finding(name, None, "The demonstrations of the training are not here.")
-    share = own.error / own.mean_action
-    told = f"On its own demonstrations it is off by {100 * share:.1f} % of the mean action's error"
+    share = own.soon / own.mean_action
+    told = f"On its own demonstrations it is at once off by {100 * share:.1f} % of the mean action's error"
     if share > SHAKY:
         return Finding(name, True, f"{told}.", "train for longer: lerobot-train --resume=true --steps=...")
-    if other is not None and other.error > OVERFITTED * own.error and other.error > SHAKY * other.mean_action:
-        held = f"{told}, on others by {100 * other.error / other.mean_action:.1f} %."
-        return Finding(name, True, held, "record more demonstrations, or train less of this network")
+    if other is not None and other.soon > OVERFITTED * own.soon and other.soon > SHAKY * other.mean_action:
+        held = f"{told}, on others by {100 * other.soon / other.mean_action:.1f} %."
+        return Finding(name, True, held, "record more demonstrations, or train a smaller network")
     return Finding(name, False, f"{told}.")
 
 

@@ -55,12 +55,14 @@ class Knowledge:
 
     Attributes:
         error: mean absolute distance from what the demonstrator did.
+        soon: the same of the first tenth of the chunks, which the observation says most of.
         mean_action: the same of always doing the mean action.
         scatter: of two chunks that are drawn at the same observation, from each other; 0 without noise.
         disagreement: of a chunk and the next one, at the steps that both cover; None if they never overlap.
     """
 
     error: float
+    soon: float
     mean_action: float
     scatter: float
     disagreement: float | None
@@ -138,11 +140,13 @@ def ask(policy: LoadedPolicy, demonstrations: Demonstrations, episodes: Sequence
     def size(differences: np.ndarray) -> float:
         return float((np.abs(differences[..., moving]) / spread[moving]).mean())
 
+    early = max(1, first.shape[1] // 10)
     every = policy.policy.config.execution_settings.replan_interval
     follows = inside[:, min(every, inside.shape[1] - 1)]
     overlaps = every < first.shape[1] and follows.any()
     return Knowledge(
         error=size((first - actions)[inside]),
+        soon=size((first - actions)[:, :early][inside[:, :early]]),
         mean_action=size((mean - actions)[inside]),
         scatter=size((first - again)[inside]),
         disagreement=size(

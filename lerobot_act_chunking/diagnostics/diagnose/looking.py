@@ -15,7 +15,6 @@ from lerobot_act_chunking.diagnostics.diagnose.causes import Finding
 from lerobot_act_chunking.diagnostics.diagnose.demonstrations import Demonstrations, Knowledge, ask
 from lerobot_act_chunking.diagnostics.diagnose.normalisers import (
     differing,
-    far_away,
     processor_statistics,
     spreads_of,
 )
@@ -72,18 +71,20 @@ def look(
     inert = causes.inert_statistics(spreads)
     failing = [each for each in records if not each.episode.success]
     outside = _outside(demonstrations, starts, records)
+    far = far_away(spreads, starts.vectors)
+    statistics = causes.other_statistics([], {}) if inert.found else causes.other_statistics(differ, far)
+    normalised = not inert.found and not differ
     findings = [
-        causes.initial_weights(untrained(executable.checkpoint), seen if not inert.found else None),
+        causes.initial_weights(untrained(executable.checkpoint)),
         inert,
-        causes.other_statistics(
-            [] if inert.found else differ, {} if inert.found else far_away(spreads, starts.vectors)
-        ),
+        statistics,
         _rate(executable, env_config),
         _images(config, starts, demonstrations),
         causes.holds_still(failing, _spans(demonstrations, spreads)),
+        causes.hardly_learned(seen if normalised else None),
         causes.stalls(failing),
         causes.out_of_range(outside),
-        causes.weak_training(seen, unseen),
+        causes.weak_training(seen if normalised else None, unseen),
         causes.modes_and_boundaries(seen),
     ]
     return Seen(findings, seen, unseen, bool(differ) or bool(inert.found), outside)

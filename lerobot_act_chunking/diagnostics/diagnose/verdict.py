@@ -11,7 +11,7 @@ from lerobot_act_chunking.diagnostics.diagnose.looking import Seen
 from lerobot_act_chunking.diagnostics.diagnose.measuring import FEWEST_FAILURES, Measured
 from lerobot_act_chunking.diagnostics.diagnose.trials import MEANINGS
 
-MOST_OF_THEM = 0.5
+MOST_OF_THEM = 0.75
 """Share of the failures that an intervention has to repair, or under-training is named before it."""
 BY_CHANCE = 0.5
 """Share of the failures that other noise alone repairs, if they are a matter of the draw."""

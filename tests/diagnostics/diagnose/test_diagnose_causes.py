@@ -42,21 +42,26 @@ def test_statistics_of_other_data():
 def test_observations_far_from_the_statistics():
     here = STATE.centre + STATE.half * RNG.standard_normal((50, 2))
     assert far_away({"a": STATE}, {"a": here}) == {}
-    assert far_away({"a": STATE}, {"a": here + [0, 10]})["a"] == pytest.approx(20, abs=2)
+    assert far_away({"a": STATE}, {"a": here + np.array([0, 10])})["a"] == pytest.approx(20, abs=2)
     assert causes.other_statistics(None, {"a": 20.0}).certain
     assert not causes.other_statistics(["a"], {}).certain  # an intervention decides
     assert not causes.other_statistics([], {}).found
 
 
-@pytest.mark.parametrize(("error", "found"), [(0.75, True), (0.3, False)])
-def test_who_has_hardly_learned(error, found):
-    assert causes.initial_weights(None, Knowledge(error, 0.8, 0.0, None)).found is found
-    assert causes.initial_weights("initial", None).certain
-    assert causes.initial_weights(None, None).found is None
+def knows(soon, scatter=0.0, disagreement=None):
+    return Knowledge(0.1, soon, 0.8, scatter, disagreement)
+
+
+def test_who_has_hardly_learned():
+    assert causes.hardly_learned(knows(0.75)).certain
+    assert not causes.hardly_learned(knows(0.3)).found
+    assert causes.hardly_learned(None).found is None
+    assert causes.initial_weights("initial").certain
+    assert not causes.initial_weights(None).found
 
 
 def test_training_that_was_too_short_or_on_too_little():
-    good, shaky = Knowledge(0.01, 0.8, 0.0, None), Knowledge(0.1, 0.8, 0.0, None)
+    good, shaky = knows(0.01), knows(0.1)
     assert causes.weak_training(shaky, None).found
     assert not causes.weak_training(good, good).found
     assert "more demonstrations" in causes.weak_training(good, shaky).repair
@@ -64,9 +69,10 @@ def test_training_that_was_too_short_or_on_too_little():
 
 
 def test_hints_of_draws_and_boundaries():
-    assert not causes.modes_and_boundaries(Knowledge(0.1, 0.8, 0.1, 0.1)).found
-    assert causes.modes_and_boundaries(Knowledge(0.1, 0.8, 0.5, None)).found
-    assert causes.modes_and_boundaries(Knowledge(0.1, 0.8, 0.0, 0.5)).found
+    assert not causes.modes_and_boundaries(knows(0.1, 0.1, 0.1)).found
+    assert causes.modes_and_boundaries(knows(0.1, 0.5)).found
+    assert causes.modes_and_boundaries(knows(0.1, 0.0, 0.5)).found
+    assert causes.modes_and_boundaries(None).found is None
 
 
 def test_who_holds_still():

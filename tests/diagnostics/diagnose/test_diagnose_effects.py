@@ -1,4 +1,4 @@
-"""What an intervention does: beyond chance, beyond what it breaks, and the smallest one of those that help."""
+"""What an intervention does beyond chance and harm, and which one is named of those that help."""
 
 import numpy as np
 import pytest
