@@ -15,6 +15,7 @@ from lerobot_act_chunking.diagnostics.diagnose.causes import Finding
 from lerobot_act_chunking.diagnostics.diagnose.demonstrations import Demonstrations, Knowledge, ask
 from lerobot_act_chunking.diagnostics.diagnose.normalisers import (
     differing,
+    far_away,
     processor_statistics,
     spreads_of,
 )
