@@ -12,6 +12,7 @@ from lerobot_act_chunking.cli.bandwidth import bandwidth_command
 from lerobot_act_chunking.cli.codebook import codebook_command
 from lerobot_act_chunking.cli.compare import compare_command
 from lerobot_act_chunking.cli.data import data_command
+from lerobot_act_chunking.cli.diagnose import diagnose_command
 from lerobot_act_chunking.cli.environment import EnvironmentCommand
 from lerobot_act_chunking.cli.eval import eval_command
 from lerobot_act_chunking.cli.fit_prior import fit_prior_command, latent_command
@@ -60,6 +61,7 @@ app.command("latent")(latent_command)
 app.command("eval", cls=EnvironmentCommand)(eval_command)
 app.command("modes", cls=EnvironmentCommand)(modes_command)
 app.command("compare")(compare_command)
+app.command("diagnose", cls=EnvironmentCommand)(diagnose_command)
 app.command("steps", cls=EnvironmentCommand)(steps_command)
 app.command("codebook")(codebook_command)
 app.add_typer(hub.app, name="hub")

@@ -100,6 +100,7 @@ def roll_out(
     log_chunks: bool = True,
     on_step: OnStep | None = None,
     progress: Callable[[int], None] | None = None,
+    given: Mapping[int, np.ndarray] | None = None,
 ) -> list[Rollout]:
     """Run one episode per seed, ``n_envs`` at a time.
 
@@ -116,6 +117,8 @@ def roll_out(
         on_step: called with ``(seed, step, environment)``, wrapped, when a command is chosen and before it is
             carried out; what it changes in the world is first seen in the next observation.
         progress: called with the number of finished episodes whenever it grows.
+        given: commands (t, A) of some episodes, by their seeds, that are carried out in place of the policy's
+            at their first t steps; the policy sees what comes of them, and goes on from there.
 
     Returns:
         One rollout per seed, in the order of ``seeds``.
@@ -132,7 +135,7 @@ def roll_out(
     try:
         for first in range(0, len(seeds), len(worlds.envs)):
             group = [
-                _Episode(seed, env, worlds.reset_options)
+                _Episode(seed, env, worlds.reset_options, (given or {}).get(seed, ()))
                 for seed, env in zip(seeds[first : first + len(worlds.envs)], worlds.envs, strict=False)
             ]
             with _observed_chunks(policy, group, log_chunks):
@@ -156,6 +159,7 @@ class _Episode:
     seed: int
     env: Any
     reset_options: dict[str, Any] | None = None
+    given: Sequence[np.ndarray] | np.ndarray = ()
     commands: list[np.ndarray] = field(default_factory=list)
     positions: list[np.ndarray] = field(default_factory=list)
     rewards: list[float] = field(default_factory=list)
@@ -172,7 +176,9 @@ class _Episode:
         self.task = task_description(self.env)
 
     def advance(self, command: np.ndarray, acting_s: float, on_step: OnStep | None) -> None:
-        """Carry out one command (A,), which took so long to choose."""
+        """Carry out one command (A,), which took so long to choose, or the one that is given."""
+        if len(self.commands) < len(self.given):
+            command = self.given[len(self.commands)]
         self.acting_s.append(acting_s)
         self.positions.append(_positions(self.env))
         self.states.append(np.ravel(self.observation.get("agent_pos", ())))

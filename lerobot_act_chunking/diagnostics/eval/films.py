@@ -10,8 +10,8 @@ import numpy as np
 from lerobot.envs.configs import EnvConfig
 from lerobot.utils.io_utils import write_video
 
+from lerobot_act_chunking.diagnostics.core.played import Episode
 from lerobot_act_chunking.diagnostics.core.worlds import Worlds, open_worlds, succeeded
-from lerobot_act_chunking.diagnostics.eval.episodes import Episode
 from lerobot_act_chunking.durable_files import publish, scratch_path
 
 FPS = 25  # at most, of a film

@@ -4,9 +4,10 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 
+from lerobot_act_chunking.diagnostics.core.played import Episode
 from lerobot_act_chunking.diagnostics.core.tasks import InlineTasks, Tasks, WorkerTasks
 from lerobot_act_chunking.diagnostics.eval.deciding import Decision, decide
-from lerobot_act_chunking.diagnostics.eval.episodes import Episode, Group
+from lerobot_act_chunking.diagnostics.eval.episodes import Group
 from lerobot_act_chunking.diagnostics.eval.playing import Played, Stage, Task
 from lerobot_act_chunking.diagnostics.eval.runs import Run
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lerobot_act_chunking.diagnostics.eval.episodes import Episode
+from lerobot_act_chunking.diagnostics.core.played import Episode
 from lerobot_act_chunking.diagnostics.eval.films import choose
 from lerobot_act_chunking.diagnostics.eval.report import EvalReport, RunResult
 from lerobot_act_chunking.durable_files import write_atomically

@@ -5,13 +5,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from lerobot_act_chunking.data.dimension_names import is_hand
+from lerobot_act_chunking.diagnostics.core.drawing import drawing
+from lerobot_act_chunking.diagnostics.core.played import describe
 from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
-from lerobot_act_chunking.diagnostics.eval.episodes import Group, describe, timing_of
+from lerobot_act_chunking.diagnostics.eval.episodes import Group, timing_of
 from lerobot_act_chunking.diagnostics.eval.subject import Subject
 from lerobot_act_chunking.policies.loading import LoadedPolicy, load_policy
 
@@ -94,30 +95,3 @@ class _Shelf:
             self._policy = load_policy(checkpoint)
             self._checkpoint = checkpoint
         return self._policy
-
-
-@contextmanager
-def drawing(policy: Any, draw: int, seed: int) -> Iterator[None]:
-    """Let a policy draw the noise of this repetition.
-
-    Policies of this package draw for every episode by its own seed. Others draw from PyTorch's generator,
-    which begins anew with every group.
-    """
-    import torch
-
-    config = getattr(policy, "inner", policy).config
-    own = getattr(config, "noise_seed", None)
-    before = torch.random.get_rng_state()
-    torch.manual_seed(seed + draw * _APART)
-    if own is not None:
-        config.noise_seed = own + draw * _APART
-    try:
-        yield
-    finally:
-        torch.random.set_rng_state(before)
-        if own is not None:
-            config.noise_seed = own
-
-
-_APART = 1_000_003
-"""Between the seeds of two draws: more than there are episodes."""

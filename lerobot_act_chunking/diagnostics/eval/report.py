@@ -11,11 +11,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from lerobot_act_chunking.diagnostics.core.eval_info import EVAL_INFO
+from lerobot_act_chunking.diagnostics.core.played import Episode
 from lerobot_act_chunking.diagnostics.core.recipes import Recipe
 from lerobot_act_chunking.diagnostics.core.report import Report
 from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate
 from lerobot_act_chunking.diagnostics.eval.deciding import LEVEL, Decision
-from lerobot_act_chunking.diagnostics.eval.episodes import Episode, Group
+from lerobot_act_chunking.diagnostics.eval.episodes import Group
 from lerobot_act_chunking.diagnostics.eval.films import Film
 from lerobot_act_chunking.diagnostics.eval.runs import Run
 from lerobot_act_chunking.diagnostics.eval.settings import Settings

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from lerobot_act_chunking.diagnostics.core.eval_info import EVAL_INFO
-from lerobot_act_chunking.diagnostics.eval.episodes import Episode, Group
+from lerobot_act_chunking.diagnostics.core.played import Episode
+from lerobot_act_chunking.diagnostics.eval.episodes import Group
 from lerobot_act_chunking.diagnostics.eval.playing import Played, Task
 from lerobot_act_chunking.durable_files import write_atomically
 from lerobot_act_chunking.errors import ConfigurationError

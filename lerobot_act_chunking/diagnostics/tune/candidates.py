@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from lerobot_act_chunking.diagnostics.core.executable import STEPS
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.settings import ExecutionSettings
 
@@ -11,20 +12,6 @@ INTERVALS = (0.05, 0.1, 0.25, 0.5)
 """Replanning intervals, as shares of a chunk; a quarter is the default of all modes."""
 FEWER_STEPS = (2, 10)
 """Denoising steps to try beside the present number."""
-FIELDS = (
-    "execution",
-    "n_action_steps",
-    "replan_interval",
-    "ensemble_weighting",
-    "temporal_ensemble_coeff",
-    "crossfade_steps",
-    "adaptive_kernel",
-    "adaptive_scale",
-    "n_samples",
-    "smoothing_steps",
-)
-"""The fields of a configuration that are tuned; latency and grippers belong to the robot and stay."""
-STEPS = "num_inference_steps"
 
 
 @dataclass(frozen=True)

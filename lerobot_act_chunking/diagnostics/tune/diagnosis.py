@@ -1,14 +1,16 @@
 """The whole diagnosis, from what is asked to the report."""
 
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from lerobot.envs.configs import EnvConfig
 
+from lerobot_act_chunking.diagnostics.core.clock import Clock, Progress
 from lerobot_act_chunking.diagnostics.core.digests import environment_identity
 from lerobot_act_chunking.diagnostics.core.environments import EnvironmentSpec, environment_of
+from lerobot_act_chunking.diagnostics.core.executable import executable_digest
 from lerobot_act_chunking.diagnostics.core.report import with_untrained
 from lerobot_act_chunking.diagnostics.core.training import untrained
 from lerobot_act_chunking.diagnostics.tune.candidates import Candidate
@@ -18,11 +20,9 @@ from lerobot_act_chunking.diagnostics.tune.replay import Replay, hold_out, repla
 from lerobot_act_chunking.diagnostics.tune.report import TuneReport
 from lerobot_act_chunking.diagnostics.tune.settings import Settings
 from lerobot_act_chunking.diagnostics.tune.store import Store
-from lerobot_act_chunking.diagnostics.tune.subject import Subject, digest, read_subject
+from lerobot_act_chunking.diagnostics.tune.subject import Subject, read_subject
 from lerobot_act_chunking.diagnostics.tune.verdict import TuneJudgement, judge_race, judge_replay
 from lerobot_act_chunking.diagnostics.tune.writing import changes, check_writable, wrap_command, write
-
-Progress = Callable[[int, int], None]
 
 
 def diagnose(settings: Settings, progress: Progress | None = None) -> TuneReport:
@@ -50,31 +50,6 @@ def diagnose(settings: Settings, progress: Progress | None = None) -> TuneReport
         write(settings.checkpoint, report.changes)
         report = replace(report, written=True)
     return replace(report, minutes=(time.monotonic() - started) / 60)
-
-
-@dataclass
-class Clock:
-    """How far a measurement is, and whether there is time for more.
-
-    Attributes:
-        end: of the time, as ``time.monotonic`` counts.
-        progress: called with what is done and planned so far.
-    """
-
-    end: float
-    progress: Progress | None
-    done: int = 0
-    planned: int = 0
-
-    def may_begin(self) -> bool:
-        """Whether there is time to begin something."""
-        return time.monotonic() < self.end
-
-    def advance(self, *, done: int = 0, planned: int = 0) -> None:
-        """Count, and show."""
-        self.done, self.planned = self.done + done, self.planned + planned
-        if self.progress is not None:
-            self.progress(self.done, self.planned)
 
 
 def _raced(settings: Settings, subject: Subject, environment: EnvironmentSpec, clock: Clock) -> TuneReport:
@@ -107,7 +82,7 @@ def _raced(settings: Settings, subject: Subject, environment: EnvironmentSpec, c
 def _question(settings: Settings, subject: Subject, env_config: EnvConfig) -> dict[str, Any]:
     """What finished episodes depend on, apart from the candidate and the number of the episode."""
     return {
-        "checkpoint": digest(subject),
+        "checkpoint": executable_digest(subject),
         "environment": environment_identity(env_config),
         "seed": settings.seed,
     }
@@ -142,7 +117,7 @@ def _report(settings: Settings, subject: Subject, judgement: TuneJudgement, **me
     made = changes(subject, chosen)
     return TuneReport(
         requested=settings,
-        policy_type=subject.config.inner_config.type if subject.wrapped else subject.config.type,
+        policy_type=subject.policy_type,
         candidates=subject.candidates,
         judgement=judgement,
         changes=made,

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from lerobot_act_chunking.diagnostics.core.executable import execute
 from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
 from lerobot_act_chunking.diagnostics.core.tasks import InlineTasks, Tasks, WorkerTasks
 from lerobot_act_chunking.diagnostics.tune.candidates import Candidate
 from lerobot_act_chunking.diagnostics.tune.racing import Cell
-from lerobot_act_chunking.diagnostics.tune.subject import Subject, execute
+from lerobot_act_chunking.diagnostics.tune.subject import Subject
 from lerobot_act_chunking.policies.loading import LoadedPolicy
 
 CandidateCell = Cell[Candidate]
@@ -33,7 +34,7 @@ class Episodes:
 
     def play(self, policy: LoadedPolicy, cell: CandidateCell) -> list[bool]:
         """Which of a cell's episodes succeed."""
-        execute(policy, cell.candidate)
+        execute(policy, cell.candidate.values)
         first = self.seed + cell.start
         rollouts = roll_out(policy, self.env_config, range(first, first + cell.n), log_chunks=False)
         return [rollout.success for rollout in rollouts]

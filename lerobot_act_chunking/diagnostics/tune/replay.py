@@ -14,10 +14,10 @@ from lerobot_act_chunking.compat import action_of
 from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
 from lerobot_act_chunking.diagnostics.core.compatibility import OTHER_DATASET, check_features, check_rate
 from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes, read_episodes
+from lerobot_act_chunking.diagnostics.core.executable import execute
 from lerobot_act_chunking.diagnostics.core.rollouts import reset_episodes
 from lerobot_act_chunking.diagnostics.core.training import read_training
 from lerobot_act_chunking.diagnostics.tune.candidates import Candidate
-from lerobot_act_chunking.diagnostics.tune.subject import execute
 from lerobot_act_chunking.errors import DatasetError, FeatureError
 from lerobot_act_chunking.execution.executor import ChunkExecutor
 from lerobot_act_chunking.execution.settings import ExecutionSettings
@@ -83,7 +83,7 @@ def hold_out(folder: str, checkpoint: str, config: Any, episodes: int) -> HeldOu
 
 def replay(policy: LoadedPolicy, candidate: Candidate, held_out: HeldOut) -> Replay:
     """Execute a candidate's chunks at the observations of held-out episodes."""
-    execute(policy, candidate)
+    execute(policy, candidate.values)
     demonstrated = held_out.demonstrated
     reset_episodes(policy.policy, list(demonstrated.episodes))
     commands = []

@@ -5,8 +5,9 @@ import json
 import numpy as np
 import pytest
 
+from lerobot_act_chunking.diagnostics.core.played import describe, standstill
 from lerobot_act_chunking.diagnostics.core.rollouts import Inference, Rollout
-from lerobot_act_chunking.diagnostics.eval.episodes import Group, Timing, describe, standstill, timing_of
+from lerobot_act_chunking.diagnostics.eval.episodes import Group, Timing, timing_of
 
 DT = 0.02
 SWEEP = np.sin(np.linspace(0, 3, 100))[:, None] * np.array([1.0, 10.0, 0.0])

@@ -14,7 +14,7 @@ from small_policies import make_policy, save
 from test_eval_episodes import rollout
 
 from lerobot_act_chunking.cli.main import main
-from lerobot_act_chunking.diagnostics.eval.episodes import describe
+from lerobot_act_chunking.diagnostics.core.played import describe
 from lerobot_act_chunking.diagnostics.eval.films import choose
 from lerobot_act_chunking.diagnostics.eval.page import HEIGHT, WIDTH, lines_of
 

@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import pytest
 from small_policies import make_policy, save
 
-from lerobot_act_chunking.diagnostics.tune.subject import digest, execute, read_subject, smoothing_to_try
+from lerobot_act_chunking.diagnostics.core.executable import executable_digest, execute, smoothing_to_try
+from lerobot_act_chunking.diagnostics.tune.subject import read_subject
 from lerobot_act_chunking.diagnostics.tune.writing import wrap_command
 
 
@@ -62,7 +63,7 @@ def test_a_policy_acts_as_a_candidate(own):
     subject = read_subject(own)
     policy = subject.load()
     for candidate in subject.candidates:
-        execute(policy, candidate)
+        execute(policy, candidate.values)
         policy.policy.reset()
         assert policy.policy.config.execution_settings == candidate.settings
 
@@ -72,7 +73,7 @@ def test_lerobots_policies_are_tried_in_the_wrapper(theirs):
     assert subject.wrapped
     assert str(subject.present) == "open_loop n=5"
     policy, candidate = subject.load(), subject.candidates[-1]
-    execute(policy, candidate)
+    execute(policy, candidate.values)
     policy.policy.reset()
     assert policy.policy.config.execution_settings == candidate.settings
     assert candidate.settings.chunk_size == 8
@@ -96,5 +97,5 @@ def test_calls_per_second_count_what_a_chunk_costs(own):
 def test_a_checkpoint_is_known_by_all_but_its_execution(own, theirs, tmp_path):
     other = save(make_policy(latency_steps=1, execution="receding", replan_interval=2), tmp_path / "other")
     late = save(make_policy(latency_steps=2, execution="receding", replan_interval=2), tmp_path / "late")
-    assert digest(read_subject(own)) == digest(read_subject(other))
-    assert len({digest(read_subject(each)) for each in (own, theirs, late)}) == 3
+    assert executable_digest(read_subject(own)) == executable_digest(read_subject(other))
+    assert len({executable_digest(read_subject(each)) for each in (own, theirs, late)}) == 3

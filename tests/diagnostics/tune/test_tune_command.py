@@ -10,7 +10,7 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from small_policies import make_policy, save
 
 from lerobot_act_chunking.cli.main import main
-from lerobot_act_chunking.diagnostics.tune.store import FILE
+from lerobot_act_chunking.diagnostics.core.outcomes import FILE
 
 PASSED, REFUSED, UNDECIDED = 0, 1, 10
 SHORT = ["--env.type=aloha_sim", "--env.obs_type=state", "--env.episode_length=3"]

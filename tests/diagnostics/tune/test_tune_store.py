@@ -2,9 +2,10 @@
 
 import pytest
 
+from lerobot_act_chunking.diagnostics.core.outcomes import FILE
 from lerobot_act_chunking.diagnostics.tune.candidates import Candidate
-from lerobot_act_chunking.diagnostics.tune.racing import Cell, race
-from lerobot_act_chunking.diagnostics.tune.store import FILE, Store
+from lerobot_act_chunking.diagnostics.tune.racing import race
+from lerobot_act_chunking.diagnostics.tune.store import Store
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.settings import ExecutionSettings
 
@@ -49,8 +50,8 @@ def test_the_folder_follows_from_the_question(tmp_path, monkeypatch):
 
 
 def test_episodes_of_another_question_are_refused(tmp_path):
-    Store(QUESTION, tmp_path).put(Cell(CANDIDATES[0], 0, 2), [True, False])
-    assert Store(QUESTION, tmp_path).get(Cell(CANDIDATES[0], 0, 2)) == [True, False]
+    Store(QUESTION, tmp_path).put("two", [True, False])
+    assert Store(QUESTION, tmp_path).get("two") == [True, False]
     with pytest.raises(ConfigurationError, match=r"another checkpoint and seed: choose another --output-dir"):
         Store({**QUESTION, "seed": 8, "checkpoint": "abd"}, tmp_path)
 

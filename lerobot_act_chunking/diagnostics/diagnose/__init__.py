@@ -1,0 +1,1 @@
+"""Why a policy fails, by observation and by intervention on the same episodes."""
