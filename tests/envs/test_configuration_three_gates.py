@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import draccus
 import gymnasium as gym
@@ -11,6 +12,7 @@ from lerobot.envs.configs import EnvConfig
 from lerobot.envs.factory import make_env
 from lerobot.envs.utils import check_env_attributes_and_types, env_to_policy_features, preprocess_observation
 
+from lerobot_act_chunking.diagnostics.core.environments import environment_of, task_environment
 from lerobot_act_chunking.envs.configuration_three_gates import ThreeGatesEnvConfig
 from lerobot_act_chunking.errors import ConfigurationError
 
@@ -67,6 +69,15 @@ def test_policy_features_are_what_environments_deliver(options, features):
     delivered = preprocess_observation(vector.reset(seed=[0])[0])
     vector.close()
     assert {key: tuple(value.shape[1:]) for key, value in delivered.items()} == features
+
+
+@pytest.mark.parametrize("agent_vel", [False, True])
+def test_instruments_find_the_task_and_show_a_policy_what_it_saw(agent_vel):
+    seen = env_to_policy_features(ThreeGatesEnvConfig(agent_vel=agent_vel))
+    policy = SimpleNamespace(image_features={}, input_features=seen, fps=10)
+    config = environment_of(policy, task_environment("three_gates"))
+    assert isinstance(config, ThreeGatesEnvConfig)
+    assert config.agent_vel is agent_vel
 
 
 @pytest.mark.parametrize(

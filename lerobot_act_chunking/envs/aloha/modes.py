@@ -7,7 +7,7 @@ import numpy as np
 from lerobot_act_chunking.envs.aloha.rewards import CUBE, TABLE, Contacts
 from lerobot_act_chunking.envs.aloha.success import touching
 
-TOLERANCE = 0.06
+TOLERANCE = 0.05
 """How far [m] from its place a hand-over still counts as this one; no point is so near to two places."""
 
 

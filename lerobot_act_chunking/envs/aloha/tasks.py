@@ -60,7 +60,7 @@ _TASKS = {
     ),
     # Low on the left, low on the right, high between: equally far apart, so that none is a mean of others.
     "transfer_modes": replace(
-        _TRANSFER_CUBE, hand_overs=((-0.13, 0.5, 0.19), (0.05, 0.5, 0.19), (-0.04, 0.5, 0.346))
+        _TRANSFER_CUBE, hand_overs=((-0.085, 0.5, 0.23), (0.085, 0.5, 0.23), (0.0, 0.5, 0.377))
     ),
 }
 

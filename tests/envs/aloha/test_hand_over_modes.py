@@ -144,6 +144,15 @@ def test_every_way_is_smooth_and_within_the_actuators(mode):
 
 
 @every_mode
+@pytest.mark.parametrize("stepwise", [0, 1])
+def test_no_way_point_noise_leads_out_of_reach(mode, stepwise):
+    rng = np.random.default_rng(0)
+    options = ExpertOptions(waypoint_noise=0.02, stepwise=stepwise)
+    for _ in range(draws(gate=50, full=1000)):
+        assert np.isfinite(plan(TASK, sample_object_pose(TASK, rng), options, rng, mode=mode).actions).all()
+
+
+@every_mode
 @pytest.mark.parametrize("off", [0.0, 0.9 * TOLERANCE])
 def test_a_place_counts_within_its_tolerance(mode, off):
     rule = HandOverMode(PLACES)

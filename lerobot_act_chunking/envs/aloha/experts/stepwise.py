@@ -14,7 +14,7 @@ _PITCH, _LEVEL, _SIDEWAYS = np.pi / 3, 0.0, np.pi / 2
 _OPEN, _CLOSED = (1.0,), (0.0,)
 _MEETING_Y = 0.5
 _MEETING = (0.0, _MEETING_Y, 0.25)
-_WAITING_X = (-0.23, -0.15)  # of the taking arm: within its reach, out of the other's way
+_WAITING_X = -0.15  # of the taking arm
 _FIRST_MOTION = 0.2  # [s]
 _ABOVE = 0.1  # of the way-point before a grasp, over it
 
@@ -29,7 +29,6 @@ def transfer_cube(object_pose: np.ndarray, meeting: tuple[float, float, float] =
     """The script for a cube at ``object_pose`` (7,) that changes hands at ``meeting`` [m]."""
     x, y = object_pose[:2].tolist()
     meeting_x, *meeting_yz = meeting
-    waiting_x = float(np.clip(meeting_x - 0.15, *_WAITING_X))
     right = _arm(
         [
             (1.4, (x, y, _CUBE_Z + _ABOVE, _PITCH, 0.0)),
@@ -44,7 +43,7 @@ def transfer_cube(object_pose: np.ndarray, meeting: tuple[float, float, float] =
     )
     left = _arm(
         [
-            (1.8, (waiting_x, *meeting_yz, _LEVEL, _SIDEWAYS)),
+            (1.8, (_WAITING_X, *meeting_yz, _LEVEL, _SIDEWAYS)),
             (4.0, None),
             (4.5, (meeting_x, *meeting_yz, _LEVEL, _SIDEWAYS)),
             (5.4, None),

@@ -20,7 +20,7 @@ _OPEN, _CLOSED = (1.0,), (0.0,)
 _CUBE_HEIGHT = 0.02
 _MEETING = (0.0, 0.5, 0.24)
 _HALF_DRIFT = 0.015  # [m] along world x, on either side of the meeting point
-_WAITING_X = (-0.2, -0.105)  # of the taking arm: within its reach, out of the other's way
+_WAITING_X = (-0.15, -0.105)  # of the taking arm: within its reach, out of the other's way
 _DRIFT_TIME = (3.1, 4.8)
 # The cube sags a little between the right fingers; the left hand meets it there, slightly past its middle.
 _SAG, _REACH_PAST = 0.006, 0.006

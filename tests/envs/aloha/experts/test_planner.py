@@ -95,7 +95,7 @@ def test_both_arms_start_at_once_and_near_home(task):
     actions = planned(task).actions
     assert np.abs(actions[0] - world.qpos())[ARMS].max() < 0.1
     np.testing.assert_allclose(actions[0, GRIPPERS[0]], world.qpos()[GRIPPERS[0]], atol=0.01)
-    assert speeds(actions[:4], list(range(6)))[0] > 0.015
+    assert speeds(actions[:4], list(range(6)))[0] > 0.01
     assert speeds(actions[:4], list(range(7, 13)))[0] > 0.4
 
 
