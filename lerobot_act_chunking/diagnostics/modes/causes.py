@@ -187,7 +187,7 @@ def _learn_rare(config: Any) -> str:
 def _hold(config: Any) -> str:
     """How a policy keeps to one way for an episode."""
     if getattr(config, "use_vae", False):
-        return "--policy.hold_steps=inf keeps the style"
+        return "--policy.z_hold=episode keeps the style"
     if hasattr(config, "code_hold"):
         return "--policy.code_hold=episode keeps the draw"
     if hasattr(config, "warm_start"):
