@@ -24,13 +24,14 @@ class Courier(gym.Env):
 
     Args:
         unfair: share of the episodes in which the goal is closed, which nobody sees.
+        same_side: the goal stays on its side of the obstacle when it jumps.
     """
 
     action_space = gym.spaces.Box(-2, 2, (2,), np.float32)
     task = task_description = "meet the goal"
 
-    def __init__(self, unfair: float = 0.0) -> None:
-        self.unfair = unfair
+    def __init__(self, unfair: float = 0.0, same_side: bool = False) -> None:
+        self.unfair, self.same_side = unfair, same_side
         vector = gym.spaces.Box(-9, 9, (2,), np.float64)
         self.observation_space = gym.spaces.Dict({"agent_pos": vector, "environment_state": vector})
 
@@ -40,6 +41,8 @@ class Courier(gym.Env):
         self.position = np.array([draw(*STARTS), -1.0])
         self.goal, self.next = np.array([draw(*GOALS), 1.0]), np.array([draw(*GOALS), 1.0])
         self.jump, self.failure = draw(*JUMPS), None
+        if self.same_side:
+            self.next[0] = np.copysign(self.next[0], self.goal[0])
         self.closed = draw() < self.unfair
         return self._observe(), {}
 
@@ -112,7 +115,7 @@ def record(
         demonstrator, seed = Demonstrator(np.random.default_rng(seed), right), seed + 1
         if max(env.goal[0], env.next[0]) > most_start:
             continue
-        over = False
+        over, info = False, {"is_success": False}
         while not over:
             seen = observation["agent_pos"], observation["environment_state"]
             action = demonstrator.act(*seen)
@@ -136,6 +139,7 @@ class CourierConfig(EnvConfig):
     task: str | None = "Courier-v0"
     fps: int = FPS
     unfair: float = 0.0
+    same_side: bool = False
     features: dict = field(
         default_factory=lambda: {
             "action": PolicyFeature(FeatureType.ACTION, (2,)),
@@ -153,7 +157,7 @@ class CourierConfig(EnvConfig):
 
     @property
     def gym_kwargs(self) -> dict:
-        return {"max_episode_steps": LIMIT, "unfair": self.unfair}
+        return {"max_episode_steps": LIMIT, "unfair": self.unfair, "same_side": self.same_side}
 
 
-gym.register("gym_planted_courier/Courier-v0", Courier)
+gym.register("gym_planted_courier/Courier-v0", "planted_world:Courier")

@@ -156,7 +156,7 @@ def modes_and_boundaries(own: Knowledge | None) -> Finding:
 
 
 def holds_still(records: Sequence[Record], spans: np.ndarray) -> Finding:
-    """Whether failing episodes command hardly any motion.
+    """Whether failing episodes command hardly any change, and stand still for most of their time.
 
     Args:
         records: failing episodes.
@@ -167,7 +167,8 @@ def holds_still(records: Sequence[Record], spans: np.ndarray) -> Finding:
         return Finding("holds still", None, "No range of the commands is known to compare with.")
     reach = [float((np.ptp(each.commands, axis=0)[moving] / spans[moving]).max()) for each in records]
     told = f"In the median failing episode commands cover {100 * np.median(reach):.0f} % of the usual range."
-    found = bool(np.median(reach) < HARDLY_MOVES)
+    still = np.median([each.episode.still_s / (each.episode.length * each.dt) for each in records])
+    found = bool(np.median(reach) < HARDLY_MOVES and still > HALF)
     repair = "the policy commands hardly any motion: look at its training loss, and train it anew"
     return Finding("holds still", found, told, repair if found else "", certain=found)
 

@@ -33,21 +33,17 @@ def _draw_effects(ax: Any, report: DiagnoseReport) -> None:
         colour = "tab:green" if p < LEVEL and effect.net > 0 else "gray"
         ax.plot([100 * low, 100 * high], [place, place], color=colour)
         ax.plot(100 * effect.recovered.rate, place, "o", color=colour)
-        ax.plot(100 * effect.harm, place, "x", color="tab:red")
+        if effect.broken is not None:
+            ax.plot(100 * effect.harm, place, "x", color="tab:red")
     if report.measured is not None and report.measured.repetition is not None:
         ax.axvline(100 * report.measured.repetition.rate, color="black", linestyle=":")
     names = [f"{effect.trial.hypothesis}: {effect.trial.change}" for effect, _ in report.effects]
     ax.set_yticks(range(len(names)), names, fontsize=8)
     ax.set(
-        xlim=(-2, 102), xlabel="failures that succeed then [%], 95 % interval; green: surely more than chance"
-    )
-    ax.text(
-        0.99,
-        0.02,
+        xlim=(-2, 102),
+        ylim=(-0.6, len(names) - 0.4),
+        xlabel="failures that succeed then [%], 95 % interval; green: beyond chance\n"
         "x: as many successes break; dotted: by repetition",
-        transform=ax.transAxes,
-        ha="right",
-        fontsize=7,
     )
     ax.invert_yaxis()
     ax.grid(alpha=0.3)

@@ -174,6 +174,18 @@ def test_a_success_ends_its_episode_and_leaves_the_others_alone(monkeypatch):
         np.testing.assert_array_equal(one.commands, other.commands[: len(one.commands)])
 
 
+def test_given_commands_come_first_and_the_policy_goes_on_from_there():
+    policy = make_policy(n_action_steps=5)
+    plain, _, other = roll_out(policy, short(), SEEDS)
+    given = {plain.seed: plain.commands[:9] + 0.05}
+    led, _, left_alone = roll_out(policy, short(), SEEDS, given=given)
+    assert np.array_equal(led.commands[:9], given[plain.seed])
+    assert not np.array_equal(led.commands[9:], plain.commands[9:])  # it has seen another state
+    assert np.array_equal(left_alone.commands, other.commands)
+    (same, *_) = roll_out(policy, short(), SEEDS, given={plain.seed: plain.commands[:9]})
+    assert np.array_equal(same.commands, plain.commands)
+
+
 def test_groups_of_environments_reuse_worlds_and_report_progress():
     finished = []
     policy = make_policy(n_action_steps=5)

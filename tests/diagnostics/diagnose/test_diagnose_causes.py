@@ -78,7 +78,8 @@ def test_hints_of_draws_and_boundaries():
 def test_who_holds_still():
     sweep = np.linspace(0, 1, 50)[:, None] * [1.0, 2.0]
     assert not causes.holds_still([record(sweep)] * 3, np.array([1.0, 2.0])).found
-    found = causes.holds_still([record(0.01 * sweep)] * 3, np.array([1.0, 2.0]))
+    assert not causes.holds_still([record(0.01 * sweep)] * 3, np.array([1.0, 2.0])).found  # it moves on
+    found = causes.holds_still([record(0.01 * sweep, still_s=4.0)] * 3, np.array([1.0, 2.0]))
     assert found.found
     assert found.certain
     assert causes.holds_still([record(sweep)], np.zeros(2)).found is None

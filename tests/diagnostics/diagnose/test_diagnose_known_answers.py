@@ -17,7 +17,7 @@ from lerobot_act_chunking.diagnostics.diagnose.settings import Settings
 from lerobot_act_chunking.errors import ConfigurationError
 
 LINE = EnvironmentSpec("line_of_tests", packages=("line_environment",))
-ON, BACK, WAIT = 1.0, -1.0, 0.0
+ON, BACK = 1.0, -1.0
 UNIT = 0.05  # of the postprocessor
 
 
@@ -67,7 +67,7 @@ def test_a_chunk_that_is_used_for_too_long(plan):
 
 
 def test_a_chunk_that_is_given_up_too_soon(plan):
-    report = plan([WAIT, WAIT, *[ON] * 6], n_action_steps=2)
+    report = plan([BACK, ON, *[ON] * 6], n_action_steps=2)
     assert names(report) == ["chunk too short"]
     assert "--policy.n_action_steps=8" in report.causes[0].repair
 

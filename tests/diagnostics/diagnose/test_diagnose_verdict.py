@@ -75,7 +75,7 @@ def test_what_is_certain_comes_first():
 def test_what_explains_most_comes_first():
     both = judge(measured(effects=[effect(recovered=12)]), seen(RANGE, outside=OUTSIDE))
     assert names(both) == ["data range", "latency"]
-    assert OUTSIDE.share == pytest.approx(0.9, abs=0.02)
+    assert OUTSIDE.share == pytest.approx(18 / 20 - 18 * 2 / 82 / 20)
     both = judge(measured(effects=[effect()]), seen(RANGE, outside=OUTSIDE))
     assert names(both) == ["latency", "data range"]
 
