@@ -74,7 +74,8 @@ def test_policy_features_are_what_environments_deliver(options, features):
 @pytest.mark.parametrize("agent_vel", [False, True])
 def test_instruments_find_the_task_and_show_a_policy_what_it_saw(agent_vel):
     seen = env_to_policy_features(ThreeGatesEnvConfig(agent_vel=agent_vel))
-    policy = SimpleNamespace(image_features={}, input_features=seen, fps=10)
+    action = seen.pop("action")
+    policy = SimpleNamespace(image_features={}, input_features=seen, action_feature=action, fps=10)
     config = environment_of(policy, task_environment("three_gates"))
     assert isinstance(config, ThreeGatesEnvConfig)
     assert config.agent_vel is agent_vel
