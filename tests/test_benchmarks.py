@@ -5,6 +5,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from gymnasium.envs import registration
+from lerobot.envs.configs import EnvConfig
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 FILES = sorted(BENCHMARKS.glob("*.py"))
@@ -19,6 +21,9 @@ def run(monkeypatch, tmp_path):
         monkeypatch.setattr(sys, "argv", [str(file), "--help"])
         runpy.run_path(str(file), run_name="__main__")
 
+    # What a file registers is forgotten with it.
+    monkeypatch.setattr(EnvConfig, "_choice_registry", dict(EnvConfig._choice_registry))
+    monkeypatch.setattr(registration, "registry", dict(registration.registry))
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(BENCHMARKS))
     before = set(sys.modules)

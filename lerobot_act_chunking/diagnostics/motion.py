@@ -17,7 +17,7 @@ from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
 from lerobot_act_chunking.diagnostics.core.training import untrained
 from lerobot_act_chunking.diagnostics.core.worlds import episode_length
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
-from lerobot_act_chunking.policies.loading import load_policy, read_config
+from lerobot_act_chunking.policies.loading import check_complete, load_policy, read_config
 
 FILMSTRIP_FRAMES = 6
 
@@ -69,6 +69,7 @@ def record_motion(
         FeatureError: a policy of another robot or control rate.
     """
     config = read_config(policy_path)
+    check_complete(policy_path, config.type)
     env_config = environment_of(config, environment, policy_path)
     policy = load_policy(policy_path)
     frames: list[tuple[int, np.ndarray]] = []

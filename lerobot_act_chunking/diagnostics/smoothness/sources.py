@@ -20,7 +20,7 @@ from lerobot_act_chunking.diagnostics.smoothness.settings import EvaluationSpec
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
 from lerobot_act_chunking.errors import DatasetError, FeatureError
 from lerobot_act_chunking.number_checks import check_at_least
-from lerobot_act_chunking.policies.loading import LoadedPolicy, load_policy, read_config
+from lerobot_act_chunking.policies.loading import LoadedPolicy, check_complete, load_policy, read_config
 
 EVALUATED = "agent_pos"
 POSITIONS = (OBS_STATE, EVALUATED)
@@ -81,7 +81,9 @@ def run_checkpoint(path: str, spec: EvaluationSpec, progress: Progress | None = 
         ConfigurationError: no such checkpoint, or an environment that cannot be made for it.
         FeatureError: a policy for another robot or control rate.
     """
-    env_config = environment_of(read_config(path), spec.environment, path)
+    config = read_config(path)
+    check_complete(path, config.type)
+    env_config = environment_of(config, spec.environment, path)
     policy = load_policy(path)
     seeds = range(spec.seed, spec.seed + spec.episodes)
     rollouts = roll_out(policy, env_config, seeds, n_envs=spec.n_envs, progress=progress)

@@ -126,7 +126,7 @@ def test_sampled_chunks_of_no_way_are_blended():
 def test_right_chunks_of_different_ways_are_averaged_or_switched(mode, name):
     found = cause_of(RIGHT, config(execution=mode), switching=Switching(100, 60))
     assert found.name == name
-    assert "hold_steps" in found.fix
+    assert "z_hold" in found.fix
 
 
 def test_right_chunks_of_the_same_way_are_none_of_these():
