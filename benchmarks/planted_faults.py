@@ -161,7 +161,8 @@ FAULTS = {
         ("too few steps",), {"num_inference_steps": 1}, data="two_ways", types=("diffusion_chunked",)
     ),
     "data range": Fault(("data range",), data="half", environment={"same_side": True}),
-    "under-training": Fault(UNDER, share=10),
+    "under-training": Fault(UNDER, share=10, types=TYPES[:2]),
+    "under-training, behind the tokenizer": Fault(UNDER, share=20, types=TYPES[2:]),
     "wrong mode": Fault(
         ("wrong mode",), {"bet_softmax_temperature": 20.0, "top_p": 1.0}, types=("vqbet_chunked",)
     ),
