@@ -28,6 +28,16 @@ NAMES = {
     "act_chunked_history_1500": "`act_chunked`, every step, two observations",
     "act_small_4000": "`act_chunked`, every step, the quickstart's sizes",
     "act_small_spaced_4000": "`act_chunked`, the quickstart's sizes",
+    "act_one_action_1500": "`act_chunked`, one action a query",
+    "act_faster_1500": "`act_chunked`, rate 1e-3",
+    "vqbet_faster_1500": "`vqbet_chunked`, rate 1e-3",
+    "diffusion_faster_1500": "`diffusion_chunked`, rate 2e-3",
+    **{
+        f"diffusion_slower{name}_{steps}": f"`diffusion_chunked`{told}, rate 5e-4"
+        for name, told in (("", ""), ("_every_step", ", every step"))
+        for steps in (1500, 4000)
+    },
+    "diffusion_slower_128_2000": "`diffusion_chunked`, 128 wide, rate 5e-4",
     "diffusion_recipe": "`diffusion_chunked`, configs/diffusion.yaml",
     "vqbet_recipe": "`vqbet_chunked`, configs/vqbet.yaml",
     "act_vae_1500": "`act_chunked`, a sampled style",
@@ -154,13 +164,42 @@ def by_spacing() -> Iterator[str]:
         kind, every_step, _ = name.partition("_every_step")
         of = run["task"], entry["demonstrations"]
         if entry["execution"] in DEFAULTS and of == ("insertion", DEMONSTRATIONS):
-            row = f"`{entry['operator']}`", f"`{kind}`", f"{steps} steps, seed {run['seed']}"
+            kind = NAMES.get(f"{kind}_{steps}", f"`{kind}`")
+            row = f"`{entry['operator']}`", kind, f"{steps} steps, seed {run['seed']}"
             rows.setdefault(row, {})[bool(every_step)] = successes(entry)
     yield "| person | policy | training | every step | every tenth of a second |"
     yield "|" + "---|" * 5
     for row, both in sorted(rows.items()):
         if len(both) == 2:
             yield f"| {' | '.join(row)} | {both[True]} | {both[False]} |"
+
+
+def by_rate() -> Iterator[str]:
+    """Insertions by the learning rate, 1500 steps, acting by default."""
+    rates = {
+        "act_chunked_1500": ("act_chunked", "5e-4"),
+        "act_faster_1500": ("act_chunked", "1e-3"),
+        "diffusion_slower_1500": ("diffusion_chunked", "5e-4"),
+        "diffusion_chunked_1500": ("diffusion_chunked", "1e-3"),
+        "diffusion_faster_1500": ("diffusion_chunked", "2e-3"),
+        "vqbet_chunked_1500": ("vqbet_chunked", "5e-4"),
+        "vqbet_faster_1500": ("vqbet_chunked", "1e-3"),
+    }
+    rows: dict[tuple[Any, ...], dict[str, str]] = {}
+    for entry in read("operators"):
+        run = entry["run"]
+        of = run["task"], entry["demonstrations"], entry["execution"]
+        if of == ("insertion", DEMONSTRATIONS, "as it comes") and run["variant"] in rates:
+            kind, rate = rates[run["variant"]]
+            row = f"`{entry['operator']}`", f"`{kind}`", run["seed"]
+            rows.setdefault(row, {})[rate] = successes(entry)
+    columns = ("5e-4", "1e-3", "2e-3")
+    yield "| person | policy | training seed | " + " | ".join(columns) + " |"
+    yield "|" + "---|" * 6
+    for row, found in sorted(rows.items()):
+        if len(found) > 1:
+            cells = [found.get(rate, "-") for rate in columns]
+            yield f"| {' | '.join(map(str, row))} | {' | '.join(cells)} |"
 
 
 def left_out() -> Iterator[str]:
@@ -261,6 +300,7 @@ def with_tables(text: str) -> str:
         "spacing": by_spacing(),
         "smoothed": of_smoothed(),
         "left_out": left_out(),
+        "rates": by_rate(),
         "lerobot": of_lerobot(),
         "intervals": by_interval(),
         "pushed": pushed(),

@@ -36,6 +36,8 @@ EVERY_STEP: dict[str, dict[str, Any]] = {
     "diffusion_chunked": {"horizon": 100},
     "vqbet_chunked": {"chunk_size": 100},
 }
+SLOWER = {"optimizer_lr": 5e-4, "lr_warmup_steps": 500}
+"""How `diffusion_chunked` was trained by default until 0.1.0."""
 LEROBOT = {
     "type": "act",
     "dim_model": 128,
@@ -61,8 +63,23 @@ VARIANTS = {
         f"{kind}{name}_{steps}": Variant({"type": kind, **given, **CPU}, steps, 64)
         for kind, every_step in EVERY_STEP.items()
         for name, given in (("", {}), ("_every_step", every_step))
+        for steps in (1500, 3000, 4000)
+    },
+    **{
+        f"diffusion_slower{name}_{steps}": Variant(
+            {"type": "diffusion_chunked", **given, **SLOWER, **CPU}, steps, 64
+        )
+        for name, given in (("", {}), ("_every_step", EVERY_STEP["diffusion_chunked"]))
         for steps in (1500, 4000)
     },
+    **{
+        f"{kind}_faster_1500": Variant({"type": f"{kind}_chunked", "optimizer_lr": rate, **CPU}, 1500, 64)
+        for kind, rate in (("act", 1e-3), ("diffusion", 2e-3), ("vqbet", 1e-3))
+    },
+    "diffusion_slower_128_2000": Variant(
+        {"type": "diffusion_chunked", "dim_model": 128, **SLOWER, **CPU}, 2000, 64
+    ),
+    "act_one_action_1500": Variant({"type": "act_chunked", "actions_per_query": 1, **CPU}, 1500, 64),
     "act_chunked_history_1500": Variant(
         {"type": "act_chunked", "chunk_size": 100, **HISTORY, **CPU}, 1500, 64
     ),

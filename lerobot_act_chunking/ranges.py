@@ -174,6 +174,7 @@ RANGES: dict[str, Range] = {
     "offset_loss_weight": _WEIGHT,
     "bet_softmax_temperature": _TEMPERATURE,
     "top_p": _POSITIVE_FRACTION,
+    "mode_balance_power": Range(0, 1),
 }
 """For every field of numbers, or of lists of numbers, those that it may hold; all types share it."""
 

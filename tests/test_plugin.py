@@ -17,7 +17,7 @@ from lerobot.utils.import_utils import register_third_party_plugins
 
 register_third_party_plugins()
 print(sorted({set(MODULES)} & set(PreTrainedConfig.get_known_choices())))
-print(sorted({{"aloha_sim"}} & set(EnvConfig.get_known_choices())))
+print(sorted({{"aloha_sim", "three_gates"}} & set(EnvConfig.get_known_choices())))
 print(factory.LeRobotDataset.__name__)
 """
     done = subprocess.run(
@@ -27,7 +27,11 @@ print(factory.LeRobotDataset.__name__)
         text=True,
         check=True,
     )
-    assert done.stdout.splitlines() == [str(sorted(MODULES)), "['aloha_sim']", "FastChunkDataset"]
+    assert done.stdout.splitlines() == [
+        str(sorted(MODULES)),
+        "['aloha_sim', 'three_gates']",
+        "FastChunkDataset",
+    ]
 
 
 def test_the_distribution_name_is_the_one_lerobot_looks_for():
@@ -41,7 +45,8 @@ def test_importing_the_package_registers_environments_without_torch():
         "print(sorted(i for i in gymnasium.registry if i.startswith('aloha_sim/')), 'torch' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "['aloha_sim/Insertion-v0', 'aloha_sim/TransferCube-v0'] False"
+    ids = [f"aloha_sim/{task}-v0" for task in ("Insertion", "TransferCube", "TransferModes")]
+    assert done.stdout.strip() == f"{ids} False"
 
 
 def test_environments_are_registered_here_too():

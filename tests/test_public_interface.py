@@ -73,7 +73,7 @@ def test_an_environment_is_ready_to_step():
         (
             "transfer_cubes",
             {},
-            "unknown task 'transfer_cubes'; choose one of: transfer_cube, insertion, Fetch",
+            "choose one of: transfer_cube, insertion, transfer_modes, three_gates, Fetch",
         ),
         ("insertion", {"success": "any"}, "unknown success rule 'any'; choose one of: touch, hold"),
     ],

@@ -43,7 +43,7 @@ def test_the_tables_of_the_study_of_demonstrators_are_those_of_its_results():
     tables = load("benchmarks/operator_table.py")
     page = tables.PAGE.read_text()
     assert tables.with_tables(page) == page, "run: python benchmarks/operator_table.py"
-    assert page.count("| `hesitant` |") == 19
+    assert page.count("| `hesitant` |") == 21
     people = {each["operator"] for each in tables.read("operators")} - {tables.EVERYBODY}
     assert [name for name in people if f"| `{name}` |" not in page] == []
     assert len(people) == 11
@@ -62,6 +62,19 @@ def test_the_table_of_comparisons_that_stop_early_is_that_of_its_results():
             assert row.wrong == row.decided <= 0.05 * row.comparisons
         elif round(row.first - row.second, 6) == 0.2:
             assert row.median_episodes <= 0.6 * tables.EPISODES
+
+
+def test_the_table_of_the_study_of_modes_is_that_of_its_results():
+    tables = load("benchmarks/mode_study.py")
+    page, results = tables.PAGE.read_text(), json.loads(tables.RESULTS.read_text())
+    assert tables.with_table(page, results) == page, "run: python benchmarks/mode_study.py"
+    assert {each["learner"] for each in results} == set(tables.LEARNERS)
+    assert page.count("| 80/15/5 |") == sum(each["shares"] == "80/15/5" for each in results)
+    assert max(each["training_cpu_s"] or 0 for each in results) <= 60
+    for each in results:
+        assert (each["verdict"] == "fail") is bool(
+            each["episodes"]["missing"] or each["episodes"]["invalid"] > 10
+        )
 
 
 def test_the_readme_fits_on_a_few_screens():

@@ -17,6 +17,7 @@ from lerobot_act_chunking.cli.environment import EnvironmentCommand
 from lerobot_act_chunking.cli.eval import eval_command
 from lerobot_act_chunking.cli.fit_prior import fit_prior_command, latent_command
 from lerobot_act_chunking.cli.import_checkpoint import import_command
+from lerobot_act_chunking.cli.modes import modes_command
 from lerobot_act_chunking.cli.motion import motion_command
 from lerobot_act_chunking.cli.quickstart import quickstart_command
 from lerobot_act_chunking.cli.record import record_command
@@ -58,6 +59,7 @@ app.command("bandwidth")(bandwidth_command)
 app.command("resolution")(resolution_command)
 app.command("latent")(latent_command)
 app.command("eval", cls=EnvironmentCommand)(eval_command)
+app.command("modes", cls=EnvironmentCommand)(modes_command)
 app.command("compare")(compare_command)
 app.command("diagnose", cls=EnvironmentCommand)(diagnose_command)
 app.command("steps", cls=EnvironmentCommand)(steps_command)

@@ -12,12 +12,12 @@ def record_command(
         Path | None,
         typer.Option(help="Folder of the dataset. \\[default: where LeRobot looks for the repo id]"),
     ] = None,
-    env: Annotated[str, typer.Option(help="aloha_sim or gymnasium_robotics.")] = "aloha_sim",
+    env: Annotated[str, typer.Option(help="aloha_sim, gymnasium_robotics or three_gates.")] = "aloha_sim",
     task: Annotated[
         str | None,
         typer.Option(
-            help="transfer_cube or insertion; FetchReach-v4, FetchPush-v4, FetchSlide-v4 or "
-            "FetchPickAndPlace-v4. \\[default: the first of each]"
+            help="transfer_cube, insertion or transfer_modes; FetchReach-v4, FetchPush-v4, FetchSlide-v4 or "
+            "FetchPickAndPlace-v4; three_gates. \\[default: the first of each]"
         ),
     ] = None,
     episodes: Annotated[int, typer.Option(help="Successful episodes to record.")] = 50,
@@ -72,6 +72,13 @@ def record_command(
     dwell: Annotated[
         float, typer.Option(help="Pause at each grasp and release, before each push \\[s].")
     ] = 0.0,
+    mode_shares: Annotated[
+        str,
+        typer.Option(
+            help="transfer_modes, three_gates: percentages of the episodes that go each of the three ways, "
+            "as in 80,15,5. \\[default: equal]"
+        ),
+    ] = "",
     workers: Annotated[int, typer.Option(help="Processes that play episodes; the dataset is the same.")] = 1,
 ) -> None:
     """Record an expert's successful episodes as a LeRobotDataset.
@@ -98,6 +105,7 @@ def record_command(
             seed=seed,
             expert=ExpertOptions(speed, waypoint_noise, action_noise, dwell),
             operators=_names(operators),
+            mode_shares=_shares(mode_shares),
             workers=workers,
         )
     )
@@ -105,6 +113,17 @@ def record_command(
 
 def _names(listed: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in listed.split(",") if name.strip())
+
+
+def _shares(listed: str) -> tuple[float, ...]:
+    from lerobot_act_chunking.errors import ConfigurationError
+
+    try:
+        return tuple(map(float, _names(listed)))
+    except ValueError:
+        raise ConfigurationError(
+            f"mode_shares {listed!r} are percentages with commas between them, as in 80,15,5"
+        ) from None
 
 
 def _run(spec: Any) -> None:
@@ -129,6 +148,8 @@ def _run(spec: Any) -> None:
         f"{'was already complete' if result.already_complete else 'recorded'}: {result.episodes} episodes, "
         f"{result.frames} frames; the expert succeeded in {result.episodes} of {result.attempts} attempts"
     )
+    for mode, (discarded, attempts) in result.modes.items():
+        console.print(f"mode {mode}: {discarded} of {attempts} attempts discarded", highlight=False)
     for operator, (discarded, attempts) in result.operators.items():
         console.print(f"{operator}: {discarded} of {attempts} attempts discarded", highlight=False)
     console.print(f"dataset: {result.root}", soft_wrap=True, highlight=False)

@@ -1,11 +1,9 @@
 """LeRobot's view of the ALOHA simulation: ``--env.type=aloha_sim``."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
 from lerobot.envs.configs import EnvConfig
-from lerobot.utils.constants import OBS_STR
 
 from lerobot_act_chunking.envs.aloha.options import AlohaSimOptions
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES, TASKS, get_task
@@ -39,12 +37,6 @@ class AlohaSimEnvConfig(AlohaSimOptions, SimulationEnvConfig):  # pyright: ignor
         vectors = ("agent_pos", "agent_vel") if self.agent_vel else ("agent_pos",)
         joints = len(JOINT_NAMES)
         self.declare_features(joints, dict.fromkeys(vectors, joints), get_task(self.task).pose_size)
-
-    @classmethod
-    def options_for(cls, config: Any, given: Mapping[str, Any]) -> dict[str, Any]:
-        """As of `SimulationEnvConfig`, with joint velocities where the policy saw them."""
-        moving = f"{OBS_STR}.agent_vel" in config.input_features
-        return super().options_for(config, {"agent_vel": moving, **given})
 
     @property
     def action_names(self) -> tuple[str, ...]:

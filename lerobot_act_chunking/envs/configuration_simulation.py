@@ -34,7 +34,7 @@ class SimulationEnvConfig(ObservationOptions, EnvConfig):
 
     @classmethod
     def options_for(cls, config: Any, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Options that show a policy what it was trained on; images are rendered fast.
+        """Options that show a policy what it was trained on, also velocities; images are rendered fast.
 
         Args:
             config: the policy's.
@@ -44,12 +44,14 @@ class SimulationEnvConfig(ObservationOptions, EnvConfig):
             ConfigurationError: the policy sees images of several sizes, and none is given.
         """
         images = config.image_features
+        moving = _POLICY_KEYS["agent_vel"] in config.input_features
+        usual = {"render_quality": "fast", **({"agent_vel": moving} if hasattr(cls, "agent_vel") else {})}
         if not images:
-            return {"obs_type": "state", "render_quality": "fast", **given}
+            return {"obs_type": "state", **usual, **given}
         return {
             "obs_type": "pixels_state" if config.input_features.keys() - images.keys() else "pixels",
             "cameras": [key.removeprefix(f"{OBS_IMAGES}.") for key in images],
-            "render_quality": "fast",
+            **usual,
             **_image_size(images, given),
             **given,
         }

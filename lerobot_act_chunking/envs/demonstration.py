@@ -105,6 +105,12 @@ class ExpertOptions:
                 raise ConfigurationError(f"expert option {name}={value} is outside {low} .. {high} {unit}")
 
 
+def minimum_jerk(phase: np.ndarray) -> np.ndarray:
+    """The minimum-jerk profile from 0 to 1 (Flash & Hogan 1985), constant outside 0 .. 1."""
+    phase = np.clip(phase, 0.0, 1.0)
+    return phase**3 * (10 - 15 * phase + 6 * phase**2)
+
+
 def correlated_noise(
     shape: tuple[int, int], scale: float, rng: np.random.Generator, *, period: float
 ) -> np.ndarray:

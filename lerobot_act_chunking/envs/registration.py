@@ -7,8 +7,10 @@ from lerobot_act_chunking.envs.robotics.tasks import TASKS as ROBOTICS_TASKS
 GYM_IDS = {
     "transfer_cube": "aloha_sim/TransferCube-v0",
     "insertion": "aloha_sim/Insertion-v0",
+    "transfer_modes": "aloha_sim/TransferModes-v0",
 }
 """Gymnasium id of each ALOHA task."""
+THREE_GATES_ID = "three_gates/ThreeGates-v0"
 
 
 def robotics_id(task: str) -> str:
@@ -20,6 +22,8 @@ def register_gymnasium_ids() -> None:
     """Register every environment once; the classes are imported only when one is made."""
     for task, gym_id in GYM_IDS.items():
         _register(gym_id, "lerobot_act_chunking.envs.aloha.env:AlohaSimEnv", task, max_episode_steps=400)
+    gates = "lerobot_act_chunking.envs.three_gates.env:ThreeGatesEnv"
+    _register(THREE_GATES_ID, gates, "three_gates", max_episode_steps=40)
     for task in ROBOTICS_TASKS:
         # Without a limit: to tell the final success, the environment keeps the time itself.
         _register(robotics_id(task), "lerobot_act_chunking.envs.robotics.env:RoboticsEnv", task)

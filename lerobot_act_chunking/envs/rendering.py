@@ -12,6 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from lerobot_act_chunking.envs.options import ObservationOptions
 from lerobot_act_chunking.errors import ActChunkingError
 
 _MAX_GEOMS = 1000  # dm_control's and Gymnasium's scene size; FrankaKitchen has 240 geoms, ALOHA thirty
@@ -65,6 +66,41 @@ class OffscreenRenderer:
         image = np.empty((height, width, 3), np.uint8)
         mujoco.mjr_readPixels(image, None, viewport, self._context)
         return np.ascontiguousarray(image[::-1])  # OpenGL's first row is the lowest
+
+
+class Images:
+    """The cameras of a model; OpenGL is opened at the first image.
+
+    Args:
+        model: the MuJoCo model.
+        options: the largest images and their quality.
+    """
+
+    def __init__(self, model: Any, options: ObservationOptions) -> None:
+        self._model, self._options = model, options
+        self._renderer: OffscreenRenderer | None = None
+
+    def render(self, data: Any, camera: Any, height: int, width: int) -> np.ndarray:
+        """As of `OffscreenRenderer`.
+
+        Raises:
+            ActChunkingError: no OpenGL on this machine.
+        """
+        if self._renderer is None:
+            options = self._options
+            self._renderer = OffscreenRenderer(
+                self._model,
+                max_height=max(options.observation_height, options.visualization_height),
+                max_width=max(options.observation_width, options.visualization_width),
+                effects=options.render_quality == "full",
+            )
+        return self._renderer.render(data, camera, height, width)
+
+    def close(self) -> None:
+        """Free the OpenGL context, if one was ever opened."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
 
 
 def _open_context(model: Any) -> tuple[Any, Any]:

@@ -1,6 +1,7 @@
 """What the configurations of this package's policies have in common."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 from lerobot.configs import FeatureType, NormalizationMode
@@ -12,11 +13,12 @@ from lerobot.optim.schedulers import (
 from lerobot.utils.constants import ACTION, OBS_STATE
 
 from lerobot_act_chunking.data.batch import FeatureSpec
+from lerobot_act_chunking.data.episode_modes import require_recorded_modes
 from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.errors import ConfigurationError, FeatureError
 from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.nn.vision import check_backbone
-from lerobot_act_chunking.policies.dataset_reading import DatasetReading
+from lerobot_act_chunking.policies.dataset_reading import DatasetReading, Features
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields, check_gripper_dims
 from lerobot_act_chunking.policies.field_checks import check_fields
 from lerobot_act_chunking.policies.given_settings import GivenSettings
@@ -64,6 +66,10 @@ class ChunkedConfig(DatasetReading, ExecutionFields, GivenSettings, ChecksPush):
         optimizer_betas: AdamW moment decays.
         lr_schedule: ``constant``, or ``cosine`` to zero over the run, both after the warm-up.
         lr_warmup_steps: linear warm-up [optimiser steps].
+        balance_modes: let rare ways of doing the task count more in training: ``labels`` as recorded
+            (``act-chunking record``), ``clusters`` of the demonstrated motions, or ``none``.
+        mode_balance_power: weights are (1 / a way's share of the samples) to this power: 1 gives all ways
+            the same part in the loss, 0.5 the square root of that.
     """
 
     # Choices of fields that LeRobot's policies have, too: its command line has one argument for all fields of
@@ -101,6 +107,9 @@ class ChunkedConfig(DatasetReading, ExecutionFields, GivenSettings, ChecksPush):
     optimizer_betas: tuple[float, float] = PRESET
     lr_schedule: Literal["constant", "cosine"] = PRESET
     lr_warmup_steps: int = PRESET
+
+    balance_modes: Literal["none", "labels", "clusters"] = "none"
+    mode_balance_power: float = 1.0
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -183,6 +192,12 @@ class ChunkedConfig(DatasetReading, ExecutionFields, GivenSettings, ChecksPush):
             raise ConfigurationError(
                 f"fps={self.fps:g}, but the dataset was recorded at {fps:g} Hz: set --policy.fps={fps:g}"
             )
+
+    def check_dataset(self, features: Features, meta: Any) -> None:
+        """Refuse a dataset that the policy cannot learn from, or whose modes are asked for and not known."""
+        super().check_dataset(features, meta)
+        if self.balance_modes == "labels":
+            require_recorded_modes(Path(meta.root))
 
     def check_backbone(self) -> None:
         """Refuse a backbone that does not exist, and weights with layers they were not trained with."""

@@ -22,6 +22,7 @@ from lerobot_act_chunking.policies import late_chunks
 from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
 from lerobot_act_chunking.policies.dataset_defaults import fit_to_dataset
+from lerobot_act_chunking.policies.mode_balance import ModeBalance
 from lerobot_act_chunking.policies.model_card import WithModelCard
 from lerobot_act_chunking.policies.short_episodes import fit_to_episodes
 from lerobot_act_chunking.policies.statistics import check_statistics
@@ -85,6 +86,8 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
         self.config = config
         self.feature_spec = config.feature_spec
         self._check_size()
+        balanced = config.balance_modes != "none" and dataset_meta is not None
+        self.mode_balance = ModeBalance.of_dataset(config, dataset_meta) if balanced else None
         self.model = self._build(config.pretrained_backbone_weights if load_backbone_weights else None)
         self.ema = (
             WeightAverage(self.model, power=config.ema_power, max_value=config.ema_max_value)
@@ -119,6 +122,21 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
                 f"the network would have {n_weights / 1e9:.1f} billion weights, more than "
                 f"{MOST_WEIGHTS / 1e9:.0f} billion: set its widths or its layers to less"
             )
+
+    def _balanced(self, loss: Float[Tensor, " B"], batch: Batch) -> Float[Tensor, " B"]:
+        """The losses with which training weighs its samples; evaluation weighs all alike.
+
+        Raises:
+            ConfigurationError: ``balance_modes`` without a dataset to know modes from.
+        """
+        if not self.training or self.config.balance_modes == "none":
+            return loss
+        if self.mode_balance is None:
+            raise ConfigurationError(
+                f"balance_modes={self.config.balance_modes} needs the dataset's metadata: give the policy "
+                "dataset_meta, as lerobot-train does, or set balance_modes=none"
+            )
+        return self.mode_balance(loss, batch)
 
     @property
     @abstractmethod

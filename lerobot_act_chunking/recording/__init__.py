@@ -9,15 +9,18 @@ from lerobot_act_chunking.recording.demonstrations import record
 from lerobot_act_chunking.recording.episode import DatasetFormat, Episode, EpisodeSource
 from lerobot_act_chunking.recording.recorder import RecordingProgress, RecordResult, Target, record_source
 from lerobot_act_chunking.recording.robotics import RoboticsSource
+from lerobot_act_chunking.recording.shares import ModeShares
 from lerobot_act_chunking.recording.simulated import SimulatedSource
 from lerobot_act_chunking.recording.spec import RecordSpec
 from lerobot_act_chunking.recording.summary import RecordedEpisode, RecordingSummary, read_summary
+from lerobot_act_chunking.recording.three_gates import ThreeGatesSource
 
 __all__ = [
     "AlohaSource",
     "DatasetFormat",
     "Episode",
     "EpisodeSource",
+    "ModeShares",
     "RecordResult",
     "RecordSpec",
     "RecordedEpisode",
@@ -26,6 +29,7 @@ __all__ = [
     "RoboticsSource",
     "SimulatedSource",
     "Target",
+    "ThreeGatesSource",
     "read_summary",
     "record",
     "record_source",

@@ -9,7 +9,7 @@ from lerobot_act_chunking.envs.aloha.options import AlohaSimOptions
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES, get_task
 from lerobot_act_chunking.recording.simulated import SimulatedSource, Step, World, noise_stream
 
-_OBJECTS = {"transfer_cube": ("cube",), "insertion": ("peg", "socket")}
+_OBJECTS = {"transfer_cube": ("cube",), "insertion": ("peg", "socket"), "transfer_modes": ("cube",)}
 _POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
 
@@ -35,8 +35,8 @@ class AlohaSource(SimulatedSource):
         if self.environment.obs_type == "state":
             objects = _OBJECTS[self.environment.task]
             vectors["environment_state"] = tuple(f"{thing}_{entry}" for thing in objects for entry in _POSE)
-        instruction = get_task(self.environment.task).instruction
-        return World(AlohaSimEnv.metadata["render_fps"], instruction, "aloha", JOINT_NAMES, vectors)
+        task, fps = get_task(self.environment.task), AlohaSimEnv.metadata["render_fps"]
+        return World(fps, task.instruction, "aloha", JOINT_NAMES, vectors, task.modes)
 
     def make_env(self) -> AlohaSimEnv:
         """The simulation."""
@@ -45,7 +45,8 @@ class AlohaSource(SimulatedSource):
     def steps(self, env: AlohaSimEnv, seed: int) -> Iterator[Step]:
         """Play a plan to its end; a success does not cut it short."""
         observation, _ = env.reset(seed=seed)
-        script = plan(env.task, env.world.environment_state(), self.options_of(seed), noise_stream(seed))
+        pose, options, rng = env.world.environment_state(), self.options_of(seed), noise_stream(seed)
+        script = plan(env.task, pose, options, rng, mode=self.mode_of(seed))
         for action, command in zip(script.actions, script.commands, strict=True):
             seen = observation
             observation, _, _, _, info = env.step(command)

@@ -12,6 +12,7 @@ from lerobot_act_chunking.recording.attempts import AttemptQueue
 from lerobot_act_chunking.recording.episode import EpisodeSource
 from lerobot_act_chunking.recording.full_disk import explain_full_disk
 from lerobot_act_chunking.recording.runners import make_runner
+from lerobot_act_chunking.recording.shares import ONE_WAY
 from lerobot_act_chunking.recording.staging import Staging, differences, open_staging, staging_folder
 from lerobot_act_chunking.recording.summary import (
     SUMMARY_PATH,
@@ -54,6 +55,7 @@ class RecordResult:
         seconds: wall time of this call.
         already_complete: the dataset was there before the call.
         operators: attempts of each person who demonstrated, discarded and in all.
+        modes: attempts of each way of doing the task, discarded and in all, where there are several.
     """
 
     root: Path
@@ -63,6 +65,7 @@ class RecordResult:
     seconds: float
     already_complete: bool
     operators: dict[str, tuple[int, int]] = field(default_factory=dict)
+    modes: dict[int, tuple[int, int]] = field(default_factory=dict)
 
     @property
     def expert_success_rate(self) -> float:
@@ -85,7 +88,7 @@ def record_source(
     seed on, and merge the two with LeRobot.
 
     Args:
-        source: where episodes come from.
+        source: where episodes come from; with ``shares`` (`ModeShares`), so many successes of each way.
         target: the dataset to make.
         workers: processes that play episodes; 1 plays them in this one.
         progress: called after every attempt.
@@ -112,6 +115,7 @@ def record_source(
         seconds=time.monotonic() - start,
         already_complete=already_complete,
         operators=summary.operators,
+        modes=summary.modes,
     )
 
 
@@ -128,7 +132,8 @@ def _record(
     known = staging.store.outcomes()
     with make_runner(source, staging.store, workers) as runner:
         ahead = workers * _QUEUED_PER_WORKER
-        attempts = AttemptQueue(runner, known, target.first_seed, target.episodes, ahead)
+        shares = getattr(source, "shares", ONE_WAY)
+        attempts = AttemptQueue(runner, known, target.first_seed, target.episodes, ahead, shares)
         # Imports LeRobot, which takes seconds: the workers are at work by now.
         from lerobot_act_chunking.recording.assembly import DatasetAssembly
 

@@ -16,6 +16,7 @@ from lerobot_act_chunking.envs.options import ObservationOptions
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.recording.episode import DatasetFormat, Episode
 from lerobot_act_chunking.recording.lossless import LosslessEncoder
+from lerobot_act_chunking.recording.shares import ModeShares
 from lerobot_act_chunking.recording.summary import operator_of
 
 # The environments' observations, named and ordered as LeRobot's preprocessing names them in evaluation.
@@ -38,6 +39,7 @@ class World:
         robot_type: LeRobot's free name for the robot.
         actions: a name for each number of an action.
         vectors: the observed vectors with a name for each of their numbers.
+        modes: in how many equally valid ways the task is done; ``info["mode"]`` says which, of several.
     """
 
     fps: int
@@ -45,6 +47,7 @@ class World:
     robot_type: str
     actions: tuple[str, ...]
     vectors: Mapping[str, tuple[str, ...]]
+    modes: int = 1
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,8 @@ class SimulatedSource(ABC):
     expert: ExpertOptions = field(default_factory=ExpertOptions)
     operators: tuple[str, ...] = ()
     """Who demonstrates in turn, in place of ``expert``."""
+    mode_shares: tuple[float, ...] = ()
+    """Percentages of the episodes that go each of the task's ways; equal where none are given."""
 
     ranges: ClassVar[Ranges] = {}
     """What this world's expert can do."""
@@ -90,6 +95,7 @@ class SimulatedSource(ABC):
                 f"operators {', '.join(self.operators)} need an expert that says what it bears: give "
                 f"{type(self).__name__} its `ranges`, or leave out the operators"
             )
+        _ = self.shares
 
     @property
     @abstractmethod
@@ -102,7 +108,7 @@ class SimulatedSource(ABC):
 
     @abstractmethod
     def steps(self, env: Any, seed: int) -> Iterator[Step]:
-        """Demonstrate the episode of ``seed`` as ``options_of(seed)`` say."""
+        """Demonstrate the episode of ``seed`` as ``options_of(seed)`` say, going ``mode_of(seed)``'s way."""
 
     @property
     def format(self) -> DatasetFormat:
@@ -127,9 +133,20 @@ class SimulatedSource(ABC):
             unused |= {"cameras", "observation_height", "observation_width", "render_quality"}
         kept = {name: value for name, value in environment.items() if name not in unused}
         settings = {"source": f"{self.env_type} expert", **kept}
+        if self.world.modes > 1:
+            settings["mode_shares"] = list(self.shares.percentages)
         if self.operators:
             return {**settings, "operators": {name: asdict(get_operator(name)) for name in self.operators}}
         return {**settings, "expert": self.expert.settings()}
+
+    @property
+    def shares(self) -> ModeShares:
+        """How often each way of doing the task is shown."""
+        return ModeShares.of_task(self.world.modes, self.mode_shares)
+
+    def mode_of(self, seed: int) -> int:
+        """Which way the episode of ``seed`` goes."""
+        return self.shares.mode_of(seed)
 
     def operator_of(self, seed: int) -> str | None:
         """Who demonstrates the episode of ``seed``; None if nobody in particular."""
@@ -171,14 +188,16 @@ class SimulatedSource(ABC):
                 encoder.append(step.observation["pixels"][camera])
             actions.append(step.action)
         arrays = {_FEATURES[name]: np.asarray(rows, np.float32) for name, rows in vectors.items()}
+        planted = {"mode": self.mode_of(seed)} if self.world.modes > 1 else {}
         return Episode(
             seed=seed,
-            success=info["is_success"],
+            success=info["is_success"] and all(info[name] == way for name, way in planted.items()),
             arrays={**arrays, "action": np.asarray(actions, np.float32)},
             videos={f"observation.images.{camera}": encoder.finish() for camera, encoder in cameras.items()},
             details={
                 **{name: met for name, met in info.items() if name.startswith("success_")},
                 **({"operator": self.operator_of(seed)} if self.operators else {}),
+                **planted,
                 "expert": options.settings(),
             },
         )

@@ -9,11 +9,13 @@ from typing import Any
 from lerobot_act_chunking.envs.aloha.options import AlohaSimOptions
 from lerobot_act_chunking.envs.demonstration import ExpertOptions
 from lerobot_act_chunking.envs.robotics.options import RoboticsOptions
+from lerobot_act_chunking.envs.three_gates.options import ThreeGatesOptions
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 from lerobot_act_chunking.number_checks import check_at_least
 from lerobot_act_chunking.recording.aloha import AlohaSource
 from lerobot_act_chunking.recording.robotics import RoboticsSource
 from lerobot_act_chunking.recording.simulated import SimulatedSource
+from lerobot_act_chunking.recording.three_gates import ThreeGatesSource
 
 _REPO_ID = re.compile(r"[A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*", re.ASCII)
 
@@ -32,6 +34,7 @@ class _Kind:
 _KINDS: Mapping[str, _Kind] = {
     "aloha_sim": _Kind(AlohaSource, AlohaSimOptions, success="hold", velocity="agent_vel"),
     "gymnasium_robotics": _Kind(RoboticsSource, RoboticsOptions, success="final", velocity="velocities"),
+    "three_gates": _Kind(ThreeGatesSource, ThreeGatesOptions, success="outside", velocity="agent_vel"),
 }
 
 
@@ -42,8 +45,8 @@ class RecordSpec:
     Attributes:
         repo_id: the dataset's name, user/name.
         root: the dataset's folder; by default where LeRobot looks for ``repo_id``.
-        env: LeRobot's environment type, ``aloha_sim`` or ``gymnasium_robotics``.
-        task: of the environment; by default ``transfer_cube`` or ``FetchReach-v4``.
+        env: LeRobot's environment type, ``aloha_sim``, ``gymnasium_robotics`` or ``three_gates``.
+        task: of the environment; by default ``transfer_cube``, ``FetchReach-v4`` or ``three_gates``.
         episodes: successful episodes to record.
         obs: ``state`` records vectors of the robot and its surroundings, ``pixels`` cameras, ``pixels_state``
             both cameras and the robot.
@@ -59,6 +62,8 @@ class RecordSpec:
         expert: how the expert moves.
         operators: people whose habits it takes on, in turn from seed to seed; none by default. They are in
             ``lerobot_act_chunking.envs.operators``.
+        mode_shares: percentages of the episodes that go each way, where a task has several; by default equal
+            ones.
         workers: processes that play episodes; the dataset does not depend on it.
 
     Raises:
@@ -80,6 +85,7 @@ class RecordSpec:
     seed: int = 0
     expert: ExpertOptions = field(default_factory=ExpertOptions)
     operators: tuple[str, ...] = ()
+    mode_shares: tuple[float, ...] = ()
     workers: int = 1
 
     def __post_init__(self) -> None:
@@ -103,11 +109,12 @@ class RecordSpec:
         """The episodes that are recorded.
 
         Raises:
-            ConfigurationError: an unknown task, camera, rule or quality, an impossible image size, or what
-                the task's expert cannot do.
+            ConfigurationError: an unknown task, camera, rule or quality, an impossible image size, shares
+                that are not the task's, or what its expert cannot do.
         """
         kind = _KINDS[self.env]
-        return kind.source(kind.options(**self._environment(kind)), self.expert, self.operators)
+        environment = kind.options(**self._environment(kind))
+        return kind.source(environment, self.expert, self.operators, self.mode_shares)
 
     def _environment(self, kind: _Kind) -> dict[str, Any]:
         options: dict[str, Any] = {

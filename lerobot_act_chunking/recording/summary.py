@@ -6,13 +6,14 @@ would survive that, but its writer takes none from outside.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from lerobot_act_chunking.errors import DatasetError
 from lerobot_act_chunking.json_files import read_json
+from lerobot_act_chunking.recording.shares import ModeShares
 
 SUMMARY_PATH = "meta/recording.json"
 
@@ -66,16 +67,27 @@ class RecordingSummary:
     def operators(self) -> dict[str, tuple[int, int]]:
         """Attempts of each person who demonstrated, discarded and in all; empty without operators."""
         names = list(self.settings.get("operators", {}))
-        discarded = Counter(operator_of(names, seed) for seed in self.failed_seeds) if names else Counter()
-        recorded = (
-            Counter(operator_of(names, episode.seed) for episode in self.episodes) if names else Counter()
-        )
-        return {name: (discarded[name], discarded[name] + recorded[name]) for name in names}
+        return self._discarded(names, lambda seed: operator_of(names, seed))
+
+    @property
+    def modes(self) -> dict[int, tuple[int, int]]:
+        """Attempts of each way of doing the task, discarded and in all; empty of a task with one way."""
+        shares = ModeShares(tuple(self.settings.get("mode_shares", ())))
+        return self._discarded(range(len(shares.percentages)), shares.mode_of)
 
     @property
     def next_seed(self) -> int:
-        """The first seed that was not played."""
-        return self.settings["first_seed"] + self.attempts
+        """The first seed after all that were played."""
+        return 1 + max([*self.failed_seeds, *(episode.seed for episode in self.episodes)])
+
+    def _discarded[Kind](
+        self, kinds: Sequence[Kind], kind_of: Callable[[int], Kind]
+    ) -> dict[Kind, tuple[int, int]]:
+        if not kinds:
+            return {}
+        discarded = Counter(map(kind_of, self.failed_seeds))
+        recorded = Counter(kind_of(episode.seed) for episode in self.episodes)
+        return {kind: (discarded[kind], discarded[kind] + recorded[kind]) for kind in kinds}
 
 
 def operator_of(operators: Sequence[str], seed: int) -> str:

@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs.configs import EnvConfig
-from lerobot.processor import ObservationProcessorStep, PolicyProcessorPipeline
+from lerobot.processor import ObservationProcessorStep, PolicyActionProcessorStep, PolicyProcessorPipeline
 
 __path__ = []  # LeRobot's --env.discover_packages_path takes every module for a package
 STEPS = 12
@@ -37,6 +37,14 @@ class Line(gym.Env):
 class Doubled(ObservationProcessorStep):
     def observation(self, observation):
         return {**observation, "observation.state": 2 * observation["observation.state"]}
+
+    def transform_features(self, features):
+        return features
+
+
+class DoubledAction(PolicyActionProcessorStep):
+    def action(self, action):
+        return 2 * action
 
     def transform_features(self, features):
         return features
@@ -82,8 +90,8 @@ class LineConfig(EnvConfig):
         return {"line": dict.fromkeys(range(self.n_tasks), suite[0])}
 
     def get_env_processors(self):
-        steps = [Doubled()] if self.doubled else []
-        return PolicyProcessorPipeline(steps=steps), PolicyProcessorPipeline(steps=[])
+        before, after = ([Doubled()], [DoubledAction()]) if self.doubled else ([], [])
+        return PolicyProcessorPipeline(steps=before), PolicyProcessorPipeline(steps=after)
 
 
 gym.register("gym_line_of_tests/Line-v0", Line)

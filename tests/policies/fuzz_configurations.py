@@ -52,6 +52,7 @@ NEAR: dict[str, tuple[Any, ...]] = {
     "ensemble_weighting": get_args(Weighting),
     "adaptive_kernel": get_args(Kernel),
     "compile_model": (False,),  # takes a minute
+    "balance_modes": ("none",),  # the others need a dataset
     "inner_path": ("none",),
 }
 STATE = {"observation.state": PolicyFeature(FeatureType.STATE, (2,))}

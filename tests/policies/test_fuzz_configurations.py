@@ -80,7 +80,7 @@ def live(policy, folder):
 @pytest.mark.parametrize("policy_type", TYPES)
 def test_a_drawn_configuration_is_refused_at_once_or_lives(policy_type, tmp_path):
     lived = refused = 0
-    for seed in range(draws(gate=12, full=5000)):
+    for seed in range(draws(gate=20, full=5000)):
         drawn = draw(policy_type, seed)
         try:
             policy = build(drawn)

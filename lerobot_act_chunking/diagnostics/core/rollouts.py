@@ -22,6 +22,7 @@ from lerobot_act_chunking.compat import action_of
 from lerobot_act_chunking.diagnostics.core.worlds import (
     Worlds,
     failure_of,
+    mode_of,
     open_worlds,
     rules_of,
     succeeded,
@@ -70,6 +71,7 @@ class Rollout:
         rules: every success rule that the environment reports, as of the last step.
         ending: why the episode ended.
         failure: what went wrong, where the environment can tell.
+        mode: which of several ways it went, as the last ``info["mode"]`` says: -1 for none; None if nothing.
         acting_s: time from the observation to the command at each step, ``(T,)`` [s], for all episodes that
             ran together.
     """
@@ -85,6 +87,7 @@ class Rollout:
     rules: Mapping[str, bool] = field(default_factory=dict)
     ending: Ending = "cut"
     failure: str | None = None
+    mode: int | None = None
     acting_s: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
@@ -202,6 +205,7 @@ class _Episode:
             rules=rules_of(self.info),
             ending=self.ending,
             failure=None if self.success else failure_of(self.env),
+            mode=mode_of(self.info),
             acting_s=np.array(self.acting_s),
             inferences=tuple(self.inferences),
         )

@@ -125,16 +125,25 @@ def failure_of(env: Any) -> str | None:
 
 def succeeded(info: Mapping[str, Any]) -> bool:
     """Whether a step's ``info`` says so; one without an answer says no."""
-    final = info.get("final_info")
-    return bool((final if isinstance(final, Mapping) else info).get("is_success", False))
+    return bool(_said(info).get("is_success", False))
+
+
+def mode_of(info: Mapping[str, Any]) -> int | None:
+    """Which of several ways a step's ``info`` says the episode went; None where it says nothing of it."""
+    mode = _said(info).get("mode")
+    return None if mode is None else int(mode)
 
 
 def rules_of(info: Mapping[str, Any]) -> dict[str, bool]:
     """What a step's ``info`` says of every success rule: all its members with "success" in their names."""
-    final = info.get("final_info")
-    said = final if isinstance(final, Mapping) else info
     return {
         name: bool(value)
-        for name, value in said.items()
+        for name, value in _said(info).items()
         if "success" in name and isinstance(value, bool | int | float | np.bool_ | np.number)
     }
+
+
+def _said(info: Mapping[str, Any]) -> Mapping[str, Any]:
+    """What counts of a step's ``info``: Gymnasium keeps that of an episode's end apart."""
+    final = info.get("final_info")
+    return final if isinstance(final, Mapping) else info

@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
+from lerobot_act_chunking.diagnostics.core.latents.subject import Subject, load_subject
+from lerobot_act_chunking.diagnostics.core.samples import Samples, read_samples
 from lerobot_act_chunking.diagnostics.latent.measuring import measure
 from lerobot_act_chunking.diagnostics.latent.report import LatentReport
-from lerobot_act_chunking.diagnostics.latent.samples import Samples, read_samples
 from lerobot_act_chunking.diagnostics.latent.saving import sample_when_acting, save_with_density
 from lerobot_act_chunking.diagnostics.latent.settings import Settings
-from lerobot_act_chunking.diagnostics.latent.subject import Subject, load_subject
 
 
 def diagnose(settings: Settings) -> LatentReport:

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int64
 
-from lerobot_act_chunking.diagnostics.latent.encoding import Encoded
-from lerobot_act_chunking.diagnostics.latent.samples import Samples
+from lerobot_act_chunking.diagnostics.core.latents.encoding import Encoded
+from lerobot_act_chunking.diagnostics.core.samples import Samples
 from lerobot_act_chunking.nn.latents.health import ACTIVE_NATS, ACTIVE_VARIANCE
 
 WITHIN = (

@@ -6,15 +6,15 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int64
 
+from lerobot_act_chunking.diagnostics.core.latents.encoding import Encoded, encode, reconstruct
+from lerobot_act_chunking.diagnostics.core.latents.subject import Subject
 from lerobot_act_chunking.diagnostics.core.report import with_untrained
+from lerobot_act_chunking.diagnostics.core.samples import Samples
 from lerobot_act_chunking.diagnostics.core.training import hardly_learned, untrained
 from lerobot_act_chunking.diagnostics.latent.density import Density, fit_density, with_density
-from lerobot_act_chunking.diagnostics.latent.encoding import Encoded, encode, reconstruct
 from lerobot_act_chunking.diagnostics.latent.figures import check_prior, measure_groups, measure_health
 from lerobot_act_chunking.diagnostics.latent.report import FITTED, LEARNED, STANDARD, LatentReport
-from lerobot_act_chunking.diagnostics.latent.samples import Samples
 from lerobot_act_chunking.diagnostics.latent.settings import Thresholds
-from lerobot_act_chunking.diagnostics.latent.subject import Subject
 from lerobot_act_chunking.diagnostics.latent.verdict import Measurements, judge
 from lerobot_act_chunking.nn.latents.categorical import CategoricalLatent
 from lerobot_act_chunking.nn.latents.gaussian import GaussianLatent

@@ -6,13 +6,13 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Float
 
+from lerobot_act_chunking.diagnostics.core.latents.encoding import Encoded
+from lerobot_act_chunking.diagnostics.core.latents.subject import Subject
 from lerobot_act_chunking.diagnostics.core.report import Report
+from lerobot_act_chunking.diagnostics.core.samples import Samples
 from lerobot_act_chunking.diagnostics.latent.density import Density
-from lerobot_act_chunking.diagnostics.latent.encoding import Encoded
 from lerobot_act_chunking.diagnostics.latent.figures import Group, Health, PriorCheck
-from lerobot_act_chunking.diagnostics.latent.samples import Samples
 from lerobot_act_chunking.diagnostics.latent.settings import Thresholds
-from lerobot_act_chunking.diagnostics.latent.subject import Subject
 from lerobot_act_chunking.diagnostics.latent.verdict import LatentJudgement
 
 STANDARD, FITTED, LEARNED = "N(0, I)", "fitted density", "prior"

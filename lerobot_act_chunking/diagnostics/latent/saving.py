@@ -7,8 +7,8 @@ from typing import cast
 
 import torch
 
+from lerobot_act_chunking.diagnostics.core.latents.subject import Subject
 from lerobot_act_chunking.diagnostics.latent.density import Density
-from lerobot_act_chunking.diagnostics.latent.subject import Subject
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 from lerobot_act_chunking.nn.latents.gaussian import GaussianLatent
 from lerobot_act_chunking.nn.latents.spec import COMPONENT_WEIGHTS

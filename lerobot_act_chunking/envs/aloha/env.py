@@ -6,11 +6,14 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
+from lerobot_act_chunking.envs.aloha.failures import make_progress
+from lerobot_act_chunking.envs.aloha.modes import HandOverMode
 from lerobot_act_chunking.envs.aloha.options import AlohaSimOptions
 from lerobot_act_chunking.envs.aloha.success import SUCCESS_RULES, make_success_rule
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES, get_task, sample_object_pose, stock_generator
 from lerobot_act_chunking.envs.aloha.world import AlohaWorld
-from lerobot_act_chunking.envs.rendering import OffscreenRenderer
+from lerobot_act_chunking.envs.rendering import Images
+from lerobot_act_chunking.envs.spaces import observation_space
 from lerobot_act_chunking.errors import unknown_choice
 
 # gym-aloha's bounds; joints overshoot their soft limits, and an object that leaves the table falls for ever.
@@ -28,7 +31,11 @@ class AlohaSimEnv(gym.Env):
     actuators' range, to which MuJoCo clips (gym-aloha declares -1 .. 1, which its own radians leave).
 
     Info: ``success_touch`` and ``success_hold``, each true from the step on at which its rule was satisfied,
-    and ``is_success``, the one chosen by ``success``. The episode terminates when it becomes true.
+    and ``is_success``, the one chosen by ``success``. The episode terminates when it becomes true. Of a task
+    with several ways also ``mode``: which way this episode went (`HandOverMode`), -1 before that is decided
+    and where it is none of them.
+
+    Failure: ``failure``, one of ``FAILURES``, or None once the episode has succeeded.
 
     Seeds: ``reset(seed=s)`` starts the very episode gym-aloha starts for seed ``s``, so results compare
     episode by episode; resets without a seed draw from ``np_random``; with
@@ -53,10 +60,15 @@ class AlohaSimEnv(gym.Env):
         self.task_description = get_task(self.task).instruction
         self.world = AlohaWorld(self.task)
         self._reward = get_task(self.task).reward
+        places = get_task(self.task).hand_overs
+        self._mode = HandOverMode(places) if places else None
         self._rules = {name: make_success_rule(name, self.task) for name in SUCCESS_RULES}
-        self._renderer: OffscreenRenderer | None = None
+        self._progress = make_progress(self.task)
+        self._images = Images(self.world.model, self.options)
         self.action_space = self._action_space()
-        self.observation_space = self._observation_space()
+        vectors = ("agent_pos", "agent_vel") if self.options.agent_vel else ("agent_pos",)
+        sizes: dict[str, int] = dict.fromkeys(vectors, len(JOINT_NAMES))
+        self.observation_space = observation_space(self.options, sizes, get_task(self.task).pose_size, _WIDE)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -72,6 +84,9 @@ class AlohaSimEnv(gym.Env):
         self.world.reset(sample_object_pose(self.task, rng) if pose is None else pose)
         for rule in self._rules.values():
             rule.reset()
+        if self._mode is not None:
+            self._mode.reset()
+        self._progress = make_progress(self.task)
         return self._observe(), self._info()
 
     def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
@@ -84,24 +99,32 @@ class AlohaSimEnv(gym.Env):
         contacts = self.world.contacts()
         for rule in self._rules.values():
             rule.update(contacts)
+        if self._mode is not None:
+            self._mode.update(contacts, self.world.environment_state()[:3])
+        self._progress.update(contacts, self.world.heights())
         info = self._info()
         return self._observe(), float(self._reward(contacts)), info["is_success"], False, info
+
+    @property
+    def failure(self) -> str | None:
+        """How far this episode got, one of the task's ``FAILURES``; None once it has succeeded."""
+        return None if self._rules[self.options.success].succeeded else self._progress.failure
 
     def render(self) -> np.ndarray | None:
         """The ``top`` camera at visualization size, uint8 (height, width, 3); None without a render mode."""
         if self.render_mode is None:
             return None
-        return self._image("top", self.options.visualization_height, self.options.visualization_width)
+        size = self.options.visualization_height, self.options.visualization_width
+        return self._images.render(self.world.data, "top", *size)
 
     def close(self) -> None:
         """Free the OpenGL context, if one was ever opened."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+        self._images.close()
 
     def _info(self) -> dict[str, Any]:
         successes = {f"success_{name}": rule.succeeded for name, rule in self._rules.items()}
-        return {"is_success": self._rules[self.options.success].succeeded, **successes}
+        modes = {} if self._mode is None else {"mode": self._mode.mode}
+        return {"is_success": self._rules[self.options.success].succeeded, **successes, **modes}
 
     def _observe(self) -> dict[str, Any]:
         observation: dict[str, Any] = {}
@@ -113,37 +136,11 @@ class AlohaSimEnv(gym.Env):
             observation["environment_state"] = self.world.environment_state()
         else:
             size = self.options.observation_height, self.options.observation_width
-            observation["pixels"] = {camera: self._image(camera, *size) for camera in self.options.cameras}
+            observation["pixels"] = {
+                camera: self._images.render(self.world.data, camera, *size) for camera in self.options.cameras
+            }
         return observation
-
-    def _image(self, camera: str, height: int, width: int) -> np.ndarray:
-        if self._renderer is None:
-            self._renderer = OffscreenRenderer(
-                self.world.model,
-                max_height=max(self.options.observation_height, self.options.visualization_height),
-                max_width=max(self.options.observation_width, self.options.visualization_width),
-                effects=self.options.render_quality == "full",
-            )
-        return self._renderer.render(self.world.data, camera, height, width)
-
-    def _observation_space(self) -> spaces.Dict:
-        members: dict[str, spaces.Space[Any]] = {}
-        if self.options.obs_type != "pixels":
-            members["agent_pos"] = _wide_box(len(JOINT_NAMES))
-        if self.options.agent_vel:
-            members["agent_vel"] = _wide_box(len(JOINT_NAMES))
-        if self.options.obs_type == "state":
-            members["environment_state"] = _wide_box(get_task(self.task).pose_size)
-        else:
-            shape = (self.options.observation_height, self.options.observation_width, 3)
-            image = spaces.Box(0, 255, shape, np.uint8)
-            members["pixels"] = spaces.Dict(dict.fromkeys(self.options.cameras, image))
-        return spaces.Dict(members)
 
     def _action_space(self) -> spaces.Box:
         low, high = self.world.action_limits()
         return spaces.Box(low.astype(np.float32), high.astype(np.float32))
-
-
-def _wide_box(size: int) -> spaces.Box:
-    return spaces.Box(-_WIDE, _WIDE, (size,), np.float64)

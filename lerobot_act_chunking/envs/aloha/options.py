@@ -23,7 +23,7 @@ __all__ = [
     "TaskName",
 ]
 
-TaskName = Literal["transfer_cube", "insertion"]
+TaskName = Literal["transfer_cube", "insertion", "transfer_modes"]
 SuccessRuleName = Literal["touch", "hold"]
 
 CAMERAS = ("top", "angle", "front_close", "left_pillar", "right_pillar", "left_wrist", "right_wrist")

@@ -12,10 +12,12 @@ SUCCESS_RULES = ("touch", "hold")
 HOLD_STEPS = 10
 """Consecutive control steps (0.2 s) a hold must last."""
 
-_FINGERS = ("10_left_gripper_finger", "10_right_gripper_finger")
-_LEFT_FINGERS = {f"vx300s_left/{finger}" for finger in _FINGERS}
-_RIGHT_FINGERS = {f"vx300s_right/{finger}" for finger in _FINGERS}
-_SOCKET = {*SOCKET_WALLS, PIN}
+FINGERS = {
+    arm: {f"vx300s_{arm}/10_{side}_gripper_finger" for side in ("left", "right")} for arm in ("left", "right")
+}
+"""The geoms of each arm's fingers."""
+SOCKET = {*SOCKET_WALLS, PIN}
+"""The geoms of the socket."""
 
 
 class SuccessRule:
@@ -53,23 +55,23 @@ def make_success_rule(name: str, task: str) -> SuccessRule:
     if name == "touch":
         return SuccessRule(lambda contacts: reward(contacts) == rewards.MAX_REWARD, steps=1)
     if name == "hold":
-        return SuccessRule(cube_held if task == "transfer_cube" else peg_held, steps=HOLD_STEPS)
+        return SuccessRule(peg_held if task == "insertion" else cube_held, steps=HOLD_STEPS)
     raise unknown_choice("success rule", name, SUCCESS_RULES)
 
 
 def cube_held(contacts: Contacts) -> bool:
     """The left fingers hold the cube and nothing but the left arm touches it, so it is off the table."""
-    touching = _touching(contacts, {CUBE})
-    return bool(touching & _LEFT_FINGERS) and all(geom.startswith("vx300s_left/") for geom in touching)
+    geoms = touching(contacts, {CUBE})
+    return bool(geoms & FINGERS["left"]) and all(geom.startswith("vx300s_left/") for geom in geoms)
 
 
 def peg_held(contacts: Contacts) -> bool:
     """The peg touches the pin; right fingers hold the peg, left fingers the socket, both off the table."""
-    peg, socket = _touching(contacts, {PEG}), _touching(contacts, _SOCKET)
-    held = bool(peg & _RIGHT_FINGERS) and bool(socket & _LEFT_FINGERS)
+    peg, socket = touching(contacts, {PEG}), touching(contacts, SOCKET)
+    held = bool(peg & FINGERS["right"]) and bool(socket & FINGERS["left"])
     return held and PIN in peg and TABLE not in peg | socket
 
 
-def _touching(contacts: Contacts, parts: set[str]) -> set[str]:
+def touching(contacts: Contacts, parts: set[str]) -> set[str]:
     """Names of the other geoms that touch any geom of the object made of ``parts``."""
     return {b if a in parts else a for a, b in contacts if (a in parts) != (b in parts)}

@@ -1,7 +1,7 @@
-"""The ALOHA cell's joints and two tasks: which MuJoCo model, where objects start, what gym-aloha rewards."""
+"""The ALOHA cell's joints and its tasks: which MuJoCo model, where objects start, what gym-aloha rewards."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, cast
@@ -30,6 +30,13 @@ class Task:
     start_boxes: tuple[tuple[tuple[float, float, float], tuple[float, float, float]], ...]
     """One (low xyz, high xyz) box [m] per object, in the order of the model's free joints."""
     reward: Callable[[rewards.Contacts], int]
+    hand_overs: tuple[tuple[float, float, float], ...] = ()
+    """Where the cube changes hands [m], one place for each of several equally valid ways; none: anywhere."""
+
+    @property
+    def modes(self) -> int:
+        """How many ways of doing the task are told apart."""
+        return max(1, len(self.hand_overs))
 
     @property
     def pose_size(self) -> int:
@@ -37,18 +44,23 @@ class Task:
         return 7 * len(self.start_boxes)
 
 
+_TRANSFER_CUBE = Task(
+    mjcf="bimanual_viperx_transfer_cube.xml",
+    instruction="Pick up the cube with the right arm and transfer it to the left arm.",
+    start_boxes=(((0.0, 0.4, 0.05), (0.2, 0.6, 0.05)),),
+    reward=rewards.transfer_cube,
+)
 _TASKS = {
-    "transfer_cube": Task(
-        mjcf="bimanual_viperx_transfer_cube.xml",
-        instruction="Pick up the cube with the right arm and transfer it to the left arm.",
-        start_boxes=(((0.0, 0.4, 0.05), (0.2, 0.6, 0.05)),),
-        reward=rewards.transfer_cube,
-    ),
+    "transfer_cube": _TRANSFER_CUBE,
     "insertion": Task(
         mjcf="bimanual_viperx_insertion.xml",
         instruction="Insert the peg into the socket.",
         start_boxes=(((0.1, 0.4, 0.05), (0.2, 0.6, 0.05)), ((-0.2, 0.4, 0.05), (-0.1, 0.6, 0.05))),
         reward=rewards.insertion,
+    ),
+    # Low on the left, low on the right, high between: equally far apart, so that none is a mean of others.
+    "transfer_modes": replace(
+        _TRANSFER_CUBE, hand_overs=((-0.085, 0.5, 0.23), (0.085, 0.5, 0.23), (0.0, 0.5, 0.377))
     ),
 }
 

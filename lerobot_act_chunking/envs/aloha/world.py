@@ -101,6 +101,10 @@ class AlohaWorld:
         """Object poses (7,) or (14,) float64: x y z [m], qw qx qy qz per object."""
         return self.data.qpos[_ROBOT_SIZE:].copy()
 
+    def heights(self) -> list[float]:
+        """Height [m] of each object's centre over the table."""
+        return self.data.qpos[_ROBOT_SIZE + 2 :: 7].tolist()
+
     def action_limits(self) -> tuple[np.ndarray, np.ndarray]:
         """Lowest and highest action, (14,) each: the actuators' range [rad], 0 and 1 for the grippers."""
         limits = self.model.actuator_ctrlrange[_NAMED]

@@ -4,12 +4,13 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium import spaces
 
+from lerobot_act_chunking.envs.robotics.failures import FAILURES, Progress
 from lerobot_act_chunking.envs.robotics.options import RoboticsOptions
 from lerobot_act_chunking.envs.robotics.original import make_original
 from lerobot_act_chunking.envs.robotics.tasks import get_task
 from lerobot_act_chunking.envs.robotics.views import Views
+from lerobot_act_chunking.envs.spaces import observation_space
 from lerobot_act_chunking.errors import FeatureError, unknown_choice
 
 
@@ -25,6 +26,8 @@ class RoboticsEnv(gym.Env):
     the episode, with ``final`` it is ``success_final`` at the episode's last step and False before, so that
     LeRobot, which asks whether any step had ``is_success``, counts the last one alone. All are False at
     reset: no step has been taken.
+
+    Failure: ``failure``, one of ``FAILURES`` of the tasks that can tell; the others have no such attribute.
 
     Seeds: ``reset(seed=s)`` starts the episode that the original starts for ``s``.
 
@@ -51,9 +54,11 @@ class RoboticsEnv(gym.Env):
         self.max_episode_steps = self.options.episode_length or self.layout.episode_length
         self._max_episode_steps = self.max_episode_steps  # LeRobot reads it under this name
         self.original = make_original(self.task)
+        self._progress: Progress | None = None
         self._views = Views(self.original, self.options)
         self.action_space = self.original.action_space
-        self.observation_space = self._observation_space()
+        states = {"agent_pos": len(self.layout.state_names)}
+        self.observation_space = observation_space(self.options, states, len(self.layout.environment_names))
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -61,9 +66,11 @@ class RoboticsEnv(gym.Env):
         """Start an episode, the one that the original starts for ``seed`` and ``options``."""
         super().reset(seed=seed)
         self._steps = 0
-        self._succeeded = False
+        self._succeeded = self._succeeds = False
         observation, _ = self.original.reset(seed=seed, options=options)
-        return self._observe(observation), self._info(succeeds=False, over=False)
+        observed = self._observe(observation)
+        self._progress = Progress(self.task, self.named_state) if self.task in FAILURES else None
+        return observed, self._info(over=False)
 
     def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """Advance one control step; the original clips actions to -1 .. 1.
@@ -72,13 +79,16 @@ class RoboticsEnv(gym.Env):
             FeatureError: an action of the wrong shape or not finite.
         """
         observation, reward, terminated, _, info = self.original.step(self._checked(action))
-        succeeds = self.layout.succeeds(info)
+        self._succeeds = self.layout.succeeds(info)
         self._steps += 1
-        self._succeeded = self._succeeded or succeeds
+        self._succeeded = self._succeeded or self._succeeds
         terminated = bool(terminated) or (self.options.success == "any" and self._succeeded)
         truncated = self._steps >= self.max_episode_steps
-        info = self._info(succeeds, over=terminated or truncated)
-        return self._observe(observation), float(reward), terminated, truncated, info
+        info = self._info(over=terminated or truncated)
+        observed = self._observe(observation)
+        if self._progress is not None:
+            self._progress.update(self.named_state, at_goal=self._succeeds)
+        return observed, float(reward), terminated, truncated, info
 
     def render(self) -> np.ndarray | None:
         """The ``view`` camera at visualization size, uint8 (height, width, 3); None without a render mode."""
@@ -92,14 +102,26 @@ class RoboticsEnv(gym.Env):
         """Every part of the present state and the goal by its name, whatever is observed."""
         return self._complete.named(*self._complete.split(self._original_observation))
 
+    @property
+    def failure(self) -> str | None:
+        """How far this episode got, one of the task's ``FAILURES``; None where it succeeds.
+
+        Raises:
+            AttributeError: the task is not among them, or no episode has begun.
+        """
+        if self._progress is None:
+            raise AttributeError(f"the present episode of {self.task} cannot tell how it failed")
+        succeeds = self._succeeded if self.options.success == "any" else self._succeeds
+        return None if succeeds else self._progress.failure
+
     def close(self) -> None:
         """Free the simulation's and the images' resources."""
         self._views.close()
         self.original.close()
 
-    def _info(self, succeeds: bool, over: bool) -> dict[str, Any]:
-        chosen = self._succeeded if self.options.success == "any" else succeeds and over
-        return {"is_success": chosen, "success_any": self._succeeded, "success_final": succeeds}
+    def _info(self, over: bool) -> dict[str, Any]:
+        chosen = self._succeeded if self.options.success == "any" else self._succeeds and over
+        return {"is_success": chosen, "success_any": self._succeeded, "success_final": self._succeeds}
 
     def _observe(self, original: Any) -> dict[str, Any]:
         self._original_observation = original
@@ -123,19 +145,3 @@ class RoboticsEnv(gym.Env):
             bad = [name for name, value in zip(names, action, strict=True) if not np.isfinite(value)]
             raise FeatureError(f"the action is not finite at {', '.join(bad)}")
         return action
-
-    def _observation_space(self) -> spaces.Dict:
-        members: dict[str, spaces.Space[Any]] = {}
-        if self.options.obs_type != "pixels":
-            members["agent_pos"] = _unbounded(len(self.layout.state_names))
-        if self.options.obs_type == "state":
-            members["environment_state"] = _unbounded(len(self.layout.environment_names))
-        else:
-            shape = (self.options.observation_height, self.options.observation_width, 3)
-            image = spaces.Box(0, 255, shape, np.uint8)
-            members["pixels"] = spaces.Dict(dict.fromkeys(self.options.cameras, image))
-        return spaces.Dict(members)
-
-
-def _unbounded(size: int) -> spaces.Box:
-    return spaces.Box(-np.inf, np.inf, (size,), np.float64)

@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from lerobot_act_chunking.envs.rendering import OffscreenRenderer
+from lerobot_act_chunking.envs.rendering import Images
 from lerobot_act_chunking.envs.robotics.options import RoboticsOptions
 
 
@@ -22,10 +22,9 @@ class Views:
 
     def __init__(self, original: Any, options: RoboticsOptions) -> None:
         self._original = original
-        self._options = options
         self._data = mujoco.MjData(original.model)
         self._view = self._free_camera()
-        self._renderer: OffscreenRenderer | None = None
+        self._images = Images(original.model, options)
 
     def images(self, cameras: Iterable[str], height: int, width: int) -> dict[str, np.ndarray]:
         """What each of the ``cameras`` sees now, uint8 (height, width, 3).
@@ -33,15 +32,13 @@ class Views:
         Raises:
             ActChunkingError: no OpenGL on this machine.
         """
-        data, renderer = self._marked_data(), self._opened()
+        data = self._marked_data()
         views = {camera: self._view if camera == "view" else camera for camera in cameras}
-        return {camera: renderer.render(data, view, height, width) for camera, view in views.items()}
+        return {camera: self._images.render(data, view, height, width) for camera, view in views.items()}
 
     def close(self) -> None:
         """Free the OpenGL context, if one was ever opened."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+        self._images.close()
 
     def _marked_data(self) -> Any:
         """The world's state with the goal's marker in its place."""
@@ -58,17 +55,6 @@ class Views:
         finally:
             original.data = data
         return self._data
-
-    def _opened(self) -> OffscreenRenderer:
-        if self._renderer is None:
-            options = self._options
-            self._renderer = OffscreenRenderer(
-                self._original.model,
-                max_height=max(options.observation_height, options.visualization_height),
-                max_width=max(options.observation_width, options.visualization_width),
-                effects=options.render_quality == "full",
-            )
-        return self._renderer
 
     def _free_camera(self) -> Any:
         # As Gymnasium's MujocoRenderer does it, which for want of a setting looks at the middle of the scene

@@ -91,6 +91,7 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
             loss, terms = self.style_lesson(self._network, training_batch, generator)
         metrics = dict(zip(terms, torch.stack(list(terms.values())).tolist(), strict=True))
         require_finite_loss(loss, metrics, batch, self.feature_spec.keys)
+        loss = self._balanced(loss, batch)
         return (loss.mean() if reduction == "mean" else loss), metrics
 
     def _next_generator(self) -> torch.Generator | None:

@@ -78,6 +78,7 @@ class DiffusionChunkedPolicy(ChunkedPolicy[DiffusionChunkedConfig, DiffusionNetw
         loss = per_sample_error(error, ignored, "valid")
         metrics = {"mse_loss": loss.mean().item()}
         require_finite_loss(loss, metrics, batch, self.feature_spec.keys)
+        loss = self._balanced(loss, batch)
         return (loss.mean() if reduction == "mean" else loss), metrics
 
     def _error(

@@ -52,10 +52,10 @@ def _base(objective: str, pretrained: bool) -> dict[str, Any]:
         "unet_size": "S",
         "backbone_norm": "frozen_batch" if pretrained else "group",
         "use_ema": True,
-        "optimizer_lr": 5e-4,
+        "optimizer_lr": 1e-3,
         "optimizer_betas": (0.9, 0.95),
         "lr_schedule": "cosine",
-        "lr_warmup_steps": 500,
+        "lr_warmup_steps": 200,
     }
 
 

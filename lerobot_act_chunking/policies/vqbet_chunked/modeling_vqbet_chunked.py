@@ -132,6 +132,7 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
             keys, rate = self.feature_spec.keys, "optimizer_lr"
         loss = torch.stack(losses).sum(0)
         require_finite_loss(loss, metrics, batch, keys, rate=rate)
+        loss = self._balanced(loss, batch)
         return (loss.mean() if reduction == "mean" else loss), metrics
 
     def _tokenizer_loss(

@@ -1,15 +1,16 @@
 """Environments that are not this package's are rolled out as by lerobot-eval, too."""
 
+import gymnasium as gym
 import numpy as np
 import pytest
 import torch
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.scripts.lerobot_eval import rollout as lerobot_rollout
-from line_environment import STEPS, Ends, LineConfig
+from line_environment import STEPS, Ends, Line, LineConfig
 from small_policies import make_policy
 
 from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
-from lerobot_act_chunking.diagnostics.core.worlds import open_worlds, succeeded
+from lerobot_act_chunking.diagnostics.core.worlds import failure_of, open_worlds, succeeded
 from lerobot_act_chunking.errors import ConfigurationError
 
 SEEDS = (3, 1, 2)
@@ -69,3 +70,20 @@ def test_what_lerobot_cannot_make_is_one_error():
 )
 def test_where_success_is_said(info, success):
     assert succeeded(info) is success
+
+
+def test_any_environment_with_an_attribute_tells_how_it_failed():
+    env = Line()
+    wrapped = gym.wrappers.TimeLimit(env, STEPS)
+    assert failure_of(wrapped) is failure_of(env) is None, "it cannot tell"
+    env.failure = "turned round"
+    assert failure_of(wrapped) == failure_of(env) == "turned round"
+    env.failure = None
+    assert failure_of(wrapped) is None, "it has succeeded"
+
+
+def test_a_rollout_has_what_its_environment_said_in_the_end(monkeypatch):
+    monkeypatch.setattr(Line, "failure", property(lambda env: f"at {env.position[0]:.2f}"), raising=False)
+    short, long = (roll_out(policy(), LineConfig(ends=Ends(end)), SEEDS[:1])[0] for end in (9, 0.2))
+    assert short.failure == f"at {short.rewards[-1]:.2f}"
+    assert (long.success, long.failure) == (True, None)

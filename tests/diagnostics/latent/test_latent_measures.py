@@ -1,15 +1,15 @@
 import numpy as np
 import pytest
 
+from lerobot_act_chunking.diagnostics.core.latents.encoding import Encoded
+from lerobot_act_chunking.diagnostics.core.samples import Samples
 from lerobot_act_chunking.diagnostics.latent.density import fit_density
-from lerobot_act_chunking.diagnostics.latent.encoding import Encoded
 from lerobot_act_chunking.diagnostics.latent.figures import (
     check_prior,
     measure_groups,
     measure_health,
     share_outside,
 )
-from lerobot_act_chunking.diagnostics.latent.samples import Samples
 from lerobot_act_chunking.errors import DatasetError
 
 N, L = 600, 3

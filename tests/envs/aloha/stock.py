@@ -13,6 +13,8 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)
     from gym_aloha.env import BOX_POSE, AlohaEnv
 
+STOCK_TASKS = ("transfer_cube", "insertion")
+
 
 def make_stock(task: str) -> AlohaEnv:
     """gym-aloha's environment with blank images."""

@@ -11,7 +11,7 @@ from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
 from lerobot_act_chunking.envs.aloha.experts import ExpertOptions, plan
 from lerobot_act_chunking.errors import ConfigurationError, FeatureError
 
-GYM_IDS = ("aloha_sim/TransferCube-v0", "aloha_sim/Insertion-v0")
+GYM_IDS = ("aloha_sim/TransferCube-v0", "aloha_sim/Insertion-v0", "aloha_sim/TransferModes-v0")
 SMALL = {"observation_height": 48, "observation_width": 64, "render_quality": "fast"}
 POSE = np.array([0.15, 0.45, 0.05, 1.0, 0.0, 0.0, 0.0])
 

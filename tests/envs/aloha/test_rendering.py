@@ -4,13 +4,13 @@ import mujoco
 import numpy as np
 import pytest
 from headless import run_headless
-from stock import smooth_actions, stock_images
+from stock import STOCK_TASKS, smooth_actions, stock_images
 from tiers import some
 
 from lerobot_act_chunking.envs import rendering
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
 from lerobot_act_chunking.envs.aloha.options import CAMERAS
-from lerobot_act_chunking.envs.aloha.world import TASKS, AlohaWorld, sample_object_pose
+from lerobot_act_chunking.envs.aloha.world import AlohaWorld, sample_object_pose
 from lerobot_act_chunking.errors import ActChunkingError
 
 STOCK_CAMERAS = ("top", "angle", "front_close")
@@ -39,7 +39,7 @@ def image(world, camera, height, width, effects):
         renderer.close()
 
 
-@pytest.mark.parametrize("task", some(1, TASKS))
+@pytest.mark.parametrize("task", some(1, STOCK_TASKS))
 def test_full_quality_is_gym_alohas_to_the_pixel(task):
     env = AlohaSimEnv(task=task, obs_type="pixels", cameras=[*STOCK_CAMERAS])
     frames = [env.reset(seed=3)[0]["pixels"]]
@@ -119,7 +119,7 @@ def test_sizes_share_a_context_and_do_not_disturb_each_other(world):
 def test_close_frees_the_context_and_can_be_repeated():
     env = AlohaSimEnv(obs_type="pixels", observation_height=24, observation_width=32)
     env.reset(seed=0)
-    renderer = env._renderer
+    renderer = env._images._renderer
     env.close()
     env.close()
     assert not renderer.close.alive
@@ -147,7 +147,7 @@ weakref.finalize(AlohaSimEnv, int)  # as torch and others do: finalizers then ru
 env = AlohaSimEnv(obs_type="pixels", observation_height=24, observation_width=32)
 assert "mujoco.egl" not in sys.modules, "chosen at the first image"
 env.reset(seed=0)
-print(type(env._renderer._gl).__module__)
+print(type(env._images._renderer._gl).__module__)
 """
     done = run_headless(program)
     assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "mujoco.egl", "")

@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
-from stock import make_stock, place, smooth_actions
+from stock import STOCK_TASKS, make_stock, place, smooth_actions
 
 from lerobot_act_chunking.envs.aloha.experts import ExpertOptions, plan
-from lerobot_act_chunking.envs.aloha.world import TASKS, AlohaWorld, sample_object_pose, stock_generator
+from lerobot_act_chunking.envs.aloha.world import AlohaWorld, sample_object_pose, stock_generator
 
 MOVING_SEEDS = {"transfer_cube": (1, 3, 4), "insertion": (0, 2, 3)}
 
 
-@pytest.fixture(scope="module", params=TASKS)
+@pytest.fixture(scope="module", params=STOCK_TASKS)
 def pair(request):
     """Both simulators of a task, kept across tests: episodes follow one another on the same instances."""
     return make_stock(request.param), AlohaWorld(request.param)

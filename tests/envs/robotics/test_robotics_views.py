@@ -97,7 +97,7 @@ def test_close_frees_the_context():
     env = RoboticsEnv(task="FetchReach-v4", visualization_height=24, visualization_width=32)
     env.reset(seed=0)
     env.render()
-    renderer = env._views._renderer
+    renderer = env._views._images._renderer
     env.close()
     env.close()
     assert not renderer.close.alive

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lerobot_act_chunking.envs.aloha.world import CONTROL_PERIOD
+from lerobot_act_chunking.envs.demonstration import minimum_jerk
 
 PAUSE_WINDOW = 0.1  # stretch [s] of the script over which a pause is spread, so that nothing stops at once
 _MISSED_BY = 0.06  # height [m] above the object at which fingers close that miss it
@@ -81,12 +82,6 @@ class Script:
     def end(self) -> float:
         """When [s] the last stroke has ended, past the ``duration`` of an episode without a rest."""
         return max(stroke.end for arm in (self.left, self.right) for stroke in (*arm.tool, *arm.gripper))
-
-
-def minimum_jerk(phase: np.ndarray) -> np.ndarray:
-    """The minimum-jerk profile from 0 to 1 (Flash & Hogan 1985), constant outside 0 .. 1."""
-    phase = np.clip(phase, 0.0, 1.0)
-    return phase**3 * (10 - 15 * phase + 6 * phase**2)
 
 
 def steady_speed(phase: np.ndarray) -> np.ndarray:

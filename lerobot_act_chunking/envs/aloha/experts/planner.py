@@ -27,18 +27,20 @@ from lerobot_act_chunking.envs.demonstration import (
     correlated_noise,
     wandering_pace,
 )
-from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 
 MAX_STEPS = 400
 """Length of gym-aloha's episodes, in control steps."""
 
-_SCRIPTS: dict[str, Callable[[np.ndarray], Script]] = {
+_SCRIPTS: dict[str, Callable[..., Script]] = {
     "transfer_cube": transfer_cube.script,
     "insertion": insertion.script,
+    "transfer_modes": transfer_cube.script,
 }
-_STEPWISE: dict[str, Callable[[np.ndarray], Script]] = {
+_STEPWISE: dict[str, Callable[..., Script]] = {
     "transfer_cube": stepwise.transfer_cube,
     "insertion": stepwise.insertion,
+    "transfer_modes": stepwise.transfer_cube,
 }
 _HOME_GRIPPER = (0.09985,)  # gym-aloha starts with all but closed fingers
 _ARM_JOINTS = [*range(6), *range(7, 13)]
@@ -82,7 +84,9 @@ class ExpertPlan:
     commands: np.ndarray
 
 
-def plan(task: str, object_pose: np.ndarray, options: ExpertOptions, rng: np.random.Generator) -> ExpertPlan:
+def plan(
+    task: str, object_pose: np.ndarray, options: ExpertOptions, rng: np.random.Generator, *, mode: int = 0
+) -> ExpertPlan:
     """Plan one episode.
 
     Args:
@@ -91,17 +95,18 @@ def plan(task: str, object_pose: np.ndarray, options: ExpertOptions, rng: np.ran
             places them.
         options: pace, noise and pauses.
         rng: source of the noise; a noise-free plan draws nothing from it.
+        mode: which of the task's ways of doing it.
 
     Returns:
         The joint targets, 50 per second. Without noise they are a smooth function of ``object_pose``.
 
     Raises:
-        ConfigurationError: unknown task; a pose that is malformed, turned or out of reach; options
+        ConfigurationError: unknown task or mode; a pose that is malformed, turned or out of reach; options
             outside their ranges, or that stretch the plan beyond ``MAX_STEPS``.
     """
     options.check(RANGES)
     pose = _checked_pose(task, object_pose)
-    script = (_STEPWISE if options.stepwise else _SCRIPTS)[task](pose)
+    script = _script(task, pose, mode, _STEPWISE if options.stepwise else _SCRIPTS)
     if options.missed_grasps:
         script = miss_first_grasp(script)
     if options.one_arm_first:
@@ -114,6 +119,13 @@ def plan(task: str, object_pose: np.ndarray, options: ExpertOptions, rng: np.ran
     actions[:, _ARM_JOINTS] += options.hand(arms, rng, period=CONTROL_PERIOD)
     commands = _late(_disturbed(actions, options.action_noise, rng), options.latency)
     return ExpertPlan(actions, commands)
+
+
+def _script(task: str, pose: np.ndarray, mode: int, scripts: dict[str, Callable[..., Script]]) -> Script:
+    ways = get_task(task)
+    if not 0 <= mode < ways.modes:
+        raise unknown_choice(f"mode of {task}", mode, map(str, range(ways.modes)))
+    return scripts[task](pose, ways.hand_overs[mode]) if ways.hand_overs else scripts[task](pose)
 
 
 def _checked_pose(task: str, object_pose: np.ndarray) -> np.ndarray:

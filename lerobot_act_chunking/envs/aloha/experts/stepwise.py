@@ -13,38 +13,41 @@ from lerobot_act_chunking.envs.aloha.experts.motion import ArmScript, Script, St
 _PITCH, _LEVEL, _SIDEWAYS = np.pi / 3, 0.0, np.pi / 2
 _OPEN, _CLOSED = (1.0,), (0.0,)
 _MEETING_Y = 0.5
+_MEETING = (0.0, _MEETING_Y, 0.25)
+_WAITING_X = -0.15  # of the taking arm
 _FIRST_MOTION = 0.2  # [s]
 _ABOVE = 0.1  # of the way-point before a grasp, over it
 
-_CUBE_Z, _HAND_OVER_Z = 0.022, 0.25
+_CUBE_Z = 0.022
 _PEG_Z, _SOCKET_Z, _INSERTION_Z = 0.02, 0.024, 0.2
 _PEG_CENTRE, _SOCKET_CENTRE = 0.01, 0.022  # heights of the objects lying on the table
 _SOCKET_X = -0.05  # of the socket's centre where they meet
 _PEG_READY, _PEG_PUSHED = 0.2, 0.07  # from the socket's centre to the peg's
 
 
-def transfer_cube(object_pose: np.ndarray) -> Script:
-    """The script for a cube at ``object_pose`` (7,)."""
+def transfer_cube(object_pose: np.ndarray, meeting: tuple[float, float, float] = _MEETING) -> Script:
+    """The script for a cube at ``object_pose`` (7,) that changes hands at ``meeting`` [m]."""
     x, y = object_pose[:2].tolist()
+    meeting_x, *meeting_yz = meeting
     right = _arm(
         [
             (1.4, (x, y, _CUBE_Z + _ABOVE, _PITCH, 0.0)),
             (2.0, (x, y, _CUBE_Z, _PITCH, 0.0)),
             (2.5, None),
             (3.0, (x, y, _CUBE_Z + _ABOVE, _PITCH, 0.0)),
-            (4.0, (0.0, _MEETING_Y, _HAND_OVER_Z, _PITCH, 0.0)),
+            (4.0, (meeting_x, *meeting_yz, _PITCH, 0.0)),
             (5.4, None),
-            (6.0, (0.12, _MEETING_Y, _HAND_OVER_Z, _PITCH, 0.0)),
+            (6.0, (meeting_x + 0.12, *meeting_yz, _PITCH, 0.0)),
         ],
         [(0.4, 1.2, _OPEN), (2.05, 2.45, _CLOSED), (5.0, 5.35, _OPEN)],
     )
     left = _arm(
         [
-            (1.8, (-0.15, _MEETING_Y, _HAND_OVER_Z, _LEVEL, _SIDEWAYS)),
+            (1.8, (_WAITING_X, *meeting_yz, _LEVEL, _SIDEWAYS)),
             (4.0, None),
-            (4.5, (0.0, _MEETING_Y, _HAND_OVER_Z, _LEVEL, _SIDEWAYS)),
+            (4.5, (meeting_x, *meeting_yz, _LEVEL, _SIDEWAYS)),
             (5.4, None),
-            (6.0, (-0.1, _MEETING_Y, _HAND_OVER_Z, _LEVEL, _SIDEWAYS)),
+            (6.0, (meeting_x - 0.1, *meeting_yz, _LEVEL, _SIDEWAYS)),
         ],
         [(0.4, 1.2, _OPEN), (4.55, 4.95, _CLOSED)],
     )

@@ -1,6 +1,6 @@
 """Demonstrations as a policy's training sees them."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -52,13 +52,14 @@ class Samples:
         yield from DataLoader(Subset(self.dataset, self.rows.tolist()), batch_size=AT_ONCE)
 
 
-def read_samples(folder: str, config: Any, most: int) -> Samples:
+def read_samples(folder: str, config: Any, most: int, starts_of: Collection[int] | None = None) -> Samples:
     """Open a LeRobotDataset for a policy.
 
     Args:
         folder: where it is.
         config: the policy's configuration.
         most: how many samples to take; fewer if there are not as many.
+        starts_of: take the first frames of these episodes alone.
 
     Raises:
         DatasetError: there is no dataset, or it is damaged or empty.
@@ -82,7 +83,11 @@ def read_samples(folder: str, config: Any, most: int) -> Samples:
         raise DatasetError(f"the dataset at {folder} cannot be read: {error!r}") from error
     if not episode.size:
         raise DatasetError(f"the dataset at {folder} holds no episodes")
-    rows = evenly(len(episode), most)
+    rows = np.arange(len(episode))
+    if starts_of is not None:
+        rows = episode_starts(episode)
+        rows = rows[np.isin(episode[rows], list(starts_of))]
+    rows = rows[evenly(len(rows), most)]
     return Samples(folder, dataset, rows, episode[rows], _progress(episode)[rows])
 
 

@@ -12,8 +12,9 @@ from torch import Tensor
 
 from lerobot_act_chunking.data.batch import ActionTarget, Observation
 from lerobot_act_chunking.data.masking import hold_padding
-from lerobot_act_chunking.diagnostics.latent.samples import Samples
-from lerobot_act_chunking.diagnostics.latent.subject import Subject
+from lerobot_act_chunking.diagnostics.core.latents.subject import Subject
+from lerobot_act_chunking.diagnostics.core.samples import Samples
+from lerobot_act_chunking.execution.interpolation import upsample
 from lerobot_act_chunking.policies.act_chunked.network import TrainingBatch
 
 
@@ -72,11 +73,41 @@ def reconstruct(
 
     Actions behind the episode's end do not count. A head that samples does so with the same numbers for all.
     """
+    errors: dict[str, list[Tensor]] = {name: [] for name in styles}
+    demonstrated: list[Tensor] = []
+    for target, actions in _acted(subject, samples, styles, seed):
+        for name, of_style in actions.items():
+            errors[name].append(_absolute_error(of_style, target))
+        demonstrated.append(target.actions[~target.is_pad])
+    actions = torch.cat(demonstrated).double()
+    return Reconstruction(
+        {name: torch.cat(parts).double().cpu().numpy() for name, parts in errors.items()},
+        float((actions - actions.mean(0)).abs().mean()),
+    )
+
+
+@torch.no_grad()
+def decode(
+    subject: Subject, samples: Samples, styles: Mapping[str, Float[np.ndarray, "N L"]], *, seed: int
+) -> dict[str, Float[np.ndarray, "N T A"]]:
+    """Chunks in these styles, in the environment's units, an action for every control step."""
+    chunks: dict[str, list[Tensor]] = {name: [] for name in styles}
+    config = subject.config
+    for _, actions in _acted(subject, samples, styles, seed):
+        for name, each in actions.items():
+            steps = upsample(each, config.chunk_stride, config.gripper_dims)
+            raw = subject.loaded.postprocessor(steps.flatten(0, 1))
+            chunks[name].append(raw.cpu().unflatten(0, steps.shape[:2]))
+    return {name: torch.cat(parts).double().numpy() for name, parts in chunks.items()}
+
+
+def _acted(
+    subject: Subject, samples: Samples, styles: Mapping[str, Float[np.ndarray, "N L"]], seed: int
+) -> Iterator[tuple[ActionTarget, dict[str, Tensor]]]:
+    """Demonstrated actions, and those decoded from each style, batch by batch."""
     network, config = subject.network, subject.config
     n_queries = config.chunk_size // config.actions_per_query
     generator = torch.Generator().manual_seed(seed)
-    errors: dict[str, list[Tensor]] = {name: [] for name in styles}
-    demonstrated: list[Tensor] = []
     done = 0
     for training_batch in _training_batches(subject, samples):
         size = len(training_batch.observation.tokens)
@@ -86,17 +117,12 @@ def reconstruct(
             if shape
             else None
         )
+        actions = {}
         for name, values in styles.items():
             z = torch.from_numpy(values[done : done + size]).to(training_batch.observation.tokens)
-            actions = network.act(training_batch.observation, z, draws, n_queries)
-            errors[name].append(_absolute_error(actions, training_batch.target))
-        demonstrated.append(training_batch.target.actions[~training_batch.target.is_pad])
+            actions[name] = network.act(training_batch.observation, z, draws, n_queries)
+        yield training_batch.target, actions
         done += size
-    actions = torch.cat(demonstrated).double()
-    return Reconstruction(
-        {name: torch.cat(parts).double().cpu().numpy() for name, parts in errors.items()},
-        float((actions - actions.mean(0)).abs().mean()),
-    )
 
 
 def _absolute_error(actions: Float[Tensor, "B T A"], target: ActionTarget) -> Float[Tensor, " B"]:
