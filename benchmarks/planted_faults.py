@@ -161,7 +161,8 @@ FAULTS = {
         ("too few steps",), {"num_inference_steps": 1}, data="two_ways", types=("diffusion_chunked",)
     ),
     "data range": Fault(("data range",), data="half", environment={"same_side": True}),
-    "under-training": Fault(UNDER, share=10),
+    "under-training": Fault(UNDER, share=10, types=TYPES[:2]),
+    "under-training, behind the tokenizer": Fault(UNDER, share=20, types=TYPES[2:]),
     "wrong mode": Fault(
         ("wrong mode",), {"bet_softmax_temperature": 20.0, "top_p": 1.0}, types=("vqbet_chunked",)
     ),
@@ -249,6 +250,7 @@ class Workshop:
             "task": task,
             "policy": kind,
             "fault": name,
+            "training_steps": STEPS[task][kind],
             "failures": content["failures"],
             "episodes": content["episodes"],
             "said": said,
@@ -302,12 +304,13 @@ def main() -> None:
     workshop = Workshop(folder, console)
     for task, kind, name in cells():
         asked = any(each in f"{task} {kind} {name}" for each in options.only)
-        there = [
+        same = [
             each for each in results if (each["task"], each["policy"], each["fault"]) == (task, kind, name)
         ]
+        there = [each for each in same if each["training_steps"] == STEPS[task][kind]]
         if not asked or (there and not options.again):
             continue
-        results = [each for each in results if each not in there]
+        results = [each for each in results if each not in same]
         results.append(workshop.cell(task, kind, name))
         console.print(" ".join(map(str, (task, kind, name, "->", results[-1]["said"]))))
         done = {

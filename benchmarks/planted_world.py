@@ -131,7 +131,6 @@ def record(
     dataset.finalize()
 
 
-@EnvConfig.register_subclass("planted_courier")
 @dataclass
 class CourierConfig(EnvConfig):
     """The world for LeRobot."""
@@ -160,4 +159,6 @@ class CourierConfig(EnvConfig):
         return {"max_episode_steps": LIMIT, "unfair": self.unfair, "same_side": self.same_side}
 
 
-gym.register("gym_planted_courier/Courier-v0", "planted_world:Courier")
+if "planted_courier" not in EnvConfig.get_known_choices():  # loaded a second time as a script
+    EnvConfig.register_subclass("planted_courier")(CourierConfig)
+    gym.register("gym_planted_courier/Courier-v0", "planted_world:Courier")

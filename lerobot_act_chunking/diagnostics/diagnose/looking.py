@@ -21,6 +21,7 @@ from lerobot_act_chunking.diagnostics.diagnose.normalisers import (
 )
 from lerobot_act_chunking.diagnostics.diagnose.observing import Starts, observe_starts
 from lerobot_act_chunking.diagnostics.diagnose.records import Record
+from lerobot_act_chunking.diagnostics.diagnose.starts import Outside, out_of_range, starts_outside
 from lerobot_act_chunking.policies.loading import LoadedPolicy
 
 
@@ -40,7 +41,7 @@ class Seen:
     own: Knowledge | None
     other: Knowledge | None
     statistics: bool
-    outside: causes.Outside | None
+    outside: Outside | None
 
 
 def look(
@@ -84,7 +85,7 @@ def look(
         causes.holds_still(failing, _spans(demonstrations, spreads)),
         causes.hardly_learned(seen if normalised else None),
         causes.stalls(failing),
-        causes.out_of_range(outside),
+        out_of_range(outside),
         causes.weak_training(seen if normalised else None, unseen),
         causes.modes_and_boundaries(seen),
     ]
@@ -123,8 +124,8 @@ def _images(config: Any, starts: Starts, demonstrations: Demonstrations | None) 
 
 def _outside(
     demonstrations: Demonstrations | None, starts: Starts, records: Sequence[Record]
-) -> causes.Outside | None:
+) -> Outside | None:
     if demonstrations is None or not records or not starts.vectors:
         return None
     success = np.array([each.episode.success for each in records])
-    return causes.starts_outside(demonstrations.starts, starts.vectors, success)
+    return starts_outside(demonstrations.starts, starts.vectors, success)

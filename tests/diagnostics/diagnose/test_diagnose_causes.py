@@ -8,6 +8,7 @@ from lerobot_act_chunking.diagnostics.diagnose import causes
 from lerobot_act_chunking.diagnostics.diagnose.demonstrations import Knowledge
 from lerobot_act_chunking.diagnostics.diagnose.normalisers import Spread, differing, far_away
 from lerobot_act_chunking.diagnostics.diagnose.records import Record
+from lerobot_act_chunking.diagnostics.diagnose.starts import out_of_range, starts_outside
 
 RNG = np.random.default_rng(0)
 STATE = Spread(np.array([0.3, -1.0]), np.array([0.2, 0.5]))
@@ -105,7 +106,7 @@ def starts(n_outside_failing, n_outside_good):
     failing = [outside] * n_outside_failing + [inside] * (20 - n_outside_failing)
     good = [outside] * n_outside_good + [inside] * (20 - n_outside_good)
     observed = {"goal": np.array([*failing, *good])[:, None]}
-    return causes.starts_outside(demonstrated, observed, np.array([False] * 20 + [True] * 20))
+    return starts_outside(demonstrated, observed, np.array([False] * 20 + [True] * 20))
 
 
 def test_failures_that_start_outside_of_the_demonstrations():
@@ -114,15 +115,15 @@ def test_failures_that_start_outside_of_the_demonstrations():
     assert found.succeeding == (1, 20)
     assert found.share == pytest.approx((18 - 2 / 21 * 19) / 20)
     assert "goal[0]" in found.by
-    assert causes.out_of_range(found).found
-    assert not causes.out_of_range(starts(10, 10)).found
-    assert not causes.out_of_range(starts(0, 0)).found
+    assert out_of_range(found).found
+    assert not out_of_range(starts(10, 10)).found
+    assert not out_of_range(starts(0, 0)).found
     assert starts(0, 0).share == 0
 
 
 def test_where_none_succeeds_nothing_is_compared():
     demonstrated, observed = {"goal": np.zeros((5, 1))}, {"goal": np.ones((12, 1))}
-    found = causes.out_of_range(causes.starts_outside(demonstrated, observed, np.zeros(12, bool)))
+    found = out_of_range(starts_outside(demonstrated, observed, np.zeros(12, bool)))
     assert found.found is None
 
 

@@ -5,10 +5,11 @@ from types import SimpleNamespace
 import pytest
 
 from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate
-from lerobot_act_chunking.diagnostics.diagnose.causes import Finding, Outside
+from lerobot_act_chunking.diagnostics.diagnose.causes import Finding
 from lerobot_act_chunking.diagnostics.diagnose.effects import Effect, rank
 from lerobot_act_chunking.diagnostics.diagnose.looking import Seen
 from lerobot_act_chunking.diagnostics.diagnose.measuring import Measured
+from lerobot_act_chunking.diagnostics.diagnose.starts import Outside
 from lerobot_act_chunking.diagnostics.diagnose.trials import Trial
 from lerobot_act_chunking.diagnostics.diagnose.verdict import judge
 
