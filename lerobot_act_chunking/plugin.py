@@ -8,6 +8,7 @@ networks, the simulations and the instruments are imported when they are used, L
 
 import lerobot_act_chunking.envs.configuration_envs
 import lerobot_act_chunking.envs.configuration_robotics
+import lerobot_act_chunking.envs.configuration_so_arm
 import lerobot_act_chunking.envs.configuration_three_gates
 import lerobot_act_chunking.policies.act_chunked.configuration_act_chunked
 import lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked
