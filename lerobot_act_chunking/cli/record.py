@@ -19,7 +19,8 @@ def record_command(
         str | None,
         typer.Option(
             help="transfer_cube, insertion or transfer_modes; FetchReach-v4, FetchPush-v4, FetchSlide-v4 or "
-            "FetchPickAndPlace-v4; pick_place, stack or two_ways (so_arm_sim); three_gates. \\[default: the first of each]"
+            "FetchPickAndPlace-v4; pick_place, stack or two_ways (so_arm_sim); three_gates. "
+            "\\[default: the first of each]"
         ),
     ] = None,
     episodes: Annotated[int, typer.Option(help="Successful episodes to record.")] = 50,
@@ -36,7 +37,8 @@ def record_command(
     cameras: Annotated[
         str,
         typer.Option(
-            help="Cameras, as in top,angle,left_wrist. \\[default: top, view or front,wrist; none with --obs state]"
+            help="Cameras, as in top,angle,left_wrist. \\[default: top, view or front,wrist; none with "
+            "--obs state]"
         ),
     ] = "",
     image_height: Annotated[int, typer.Option(help="Height of every camera's video \\[px].")] = 480,
@@ -68,8 +70,8 @@ def record_command(
     action_noise: Annotated[
         float,
         typer.Option(
-            help="Disturbance of what is executed, std \\[rad; SO-101: degrees; Fetch: of the largest action]; recorded "
-            "actions stay clean."
+            help="Disturbance of what is executed, std \\[rad; SO-101: degrees; Fetch: of the largest one]; "
+            "recorded actions stay clean."
         ),
     ] = 0.0,
     dwell: Annotated[

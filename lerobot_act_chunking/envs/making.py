@@ -19,8 +19,8 @@ def make_env(task: str = "transfer_cube", **options: Any) -> gym.Env:
     Args:
         task: ``transfer_cube``, ``insertion`` or ``transfer_modes`` (ALOHA), ``pick_place``, ``stack``
             or ``two_ways`` (SO-101), ``three_gates``, or of gymnasium-robotics, as ``FetchPush-v4``.
-        options: fields of `AlohaSimOptions`, `SoArmOptions`, `ThreeGatesOptions` or `RoboticsOptions`, such as ``obs_type``
-            and ``cameras``.
+        options: fields of `AlohaSimOptions`, `SoArmOptions`, `ThreeGatesOptions` or `RoboticsOptions`, such
+            as ``obs_type`` and ``cameras``.
 
     Raises:
         ConfigurationError: an unknown task, or an option that cannot work.

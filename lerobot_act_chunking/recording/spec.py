@@ -57,7 +57,8 @@ class RecordSpec:
             both cameras and the robot.
         velocity: whether to record velocities; by default ALOHA's are not, and gymnasium-robotics' are, being
             part of the original observation; the SO-101 has none.
-        cameras: cameras to record, by default ``top``, ``view`` or ``front,wrist``; none with ``obs="state"``.
+        cameras: cameras to record, by default ``top``, ``view`` or ``front,wrist``; none with
+            ``obs="state"``.
         image_height: of every camera [px], even.
         image_width: of every camera [px], even.
         render_quality: ``full`` looks like the original, ``fast`` leaves out what is slow without a GPU.
@@ -134,8 +135,8 @@ class RecordSpec:
             options["task"] = self.task
         if self.cameras:
             options["cameras"] = list(self.cameras)
-        if self.velocity is not None and kind.velocity is None:
-            raise ConfigurationError(f"{self.env} observes no velocities; leave out velocity={self.velocity}")
         if self.velocity is not None:
+            if kind.velocity is None:
+                raise ConfigurationError(f"{self.env} observes no velocities; leave velocity out")
             options[kind.velocity] = self.velocity
         return options

@@ -22,8 +22,8 @@ class SoArmEnv(gym.Env):
     """An SO-101 at a table, 30 Hz, with the observations and actions of LeRobot's ``so101_follower``.
 
     Observations: ``agent_pos`` (6,), where the motors are, in the order and units of ``NAMES``: degrees, the
-    gripper 0 (closed) to 100 (open); ``environment_state``, poses of the cubes and places of the boxes, as the
-    task's ``environment_names`` say; ``pixels`` {camera: uint8 (height, width, 3)}.
+    gripper 0 (closed) to 100 (open); ``environment_state``, poses of the cubes and places of the boxes, as
+    ``environment_names`` of the task say; ``pixels`` {camera: uint8 (height, width, 3)}.
 
     Actions: (6,), where the motors are to go, the same way. The servos follow late and sag under load.
 
@@ -93,7 +93,7 @@ class SoArmEnv(gym.Env):
         return None if self._progress.successes[self.options.success] else self._progress.failure
 
     def render(self) -> np.ndarray | None:
-        """The ``front`` camera at visualization size, uint8 (height, width, 3); None without a render mode."""
+        """The ``front`` camera at visualization size, uint8 (height, width, 3); None without render mode."""
         if self.render_mode is None:
             return None
         size = self.options.visualization_height, self.options.visualization_width

@@ -1,4 +1,4 @@
-"""What a user may choose about the SO-101's simulation, checked in one place for Gymnasium and for LeRobot."""
+"""What a user may choose about the SO-101's simulation, checked for Gymnasium and for LeRobot alike."""
 
 from dataclasses import dataclass, field
 from math import isfinite
@@ -26,8 +26,8 @@ class SoArmOptions(ObservationOptions):
     cameras: list[str] = field(default_factory=lambda: list(CAMERAS))
     """Cameras to render at each step, any of ``CAMERAS``; unused when ``obs_type`` is ``state``."""
     success: str = "released"
-    """Which rule is ``is_success`` and ends the episode: ``released``, the cube rests in its place and nothing
-    holds it, for ten steps; or ``placed``, it is there at any step."""
+    """Which rule is ``is_success`` and ends the episode: ``released``, the cube rests in its place and
+    nothing holds it, for ten steps; or ``placed``, it is there at any step."""
     backlash: float = 0.0
     """Play between each servo of the arm and its joint [degrees]; a real SO-101 has about 1."""
     sensor_noise: float = 0.0

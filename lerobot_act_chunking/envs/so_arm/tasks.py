@@ -87,7 +87,7 @@ def get_task(name: str) -> Task:
 
 
 def sample_places(task: Task, rng: np.random.Generator) -> np.ndarray:
-    """Where the objects start: ``environment_state`` (E,), cubes on the table and turned by up to 30 degrees."""
+    """Where the objects start: ``environment_state`` (E,), cubes flat and turned by up to 30 degrees."""
     numbers: list[float] = []
     for low, high in task.cubes.values():
         turn = rng.uniform(-_TURN, _TURN)

@@ -71,10 +71,10 @@ class Kinematics:
 
     def _solve(self, pose: np.ndarray, joints: np.ndarray) -> np.ndarray:
         turn = _turn(2, _bearing(*pose[:2])) @ _turn(1, pose[3]) @ _turn(2, pose[4] - _bearing(*pose[:2]))
+        error = np.zeros(6)
         for _ in range(_MOST_ITERATIONS):
             self._move(joints)
-            error = self._error(pose[:3], turn)
-            jacobian = self._jacobian()
+            error, jacobian = self._error(pose[:3], turn), self._jacobian()
             step = np.linalg.solve(
                 jacobian.T @ jacobian + _DAMPING**2 * np.eye(len(joints)), jacobian.T @ error
             )

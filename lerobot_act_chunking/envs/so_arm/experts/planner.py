@@ -37,7 +37,7 @@ RANGES: Ranges = {
     "latency": (0.0, 0.2, "s"),
     "dropped_frames": (0.0, 0.2, "of the control steps"),
 }
-"""Outside these the expert fails too often to demonstrate anything; it has one arm, which goes first always."""
+"""Outside these the expert fails too often to demonstrate anything; there is no second arm to wait for."""
 
 _CLEARANCE = 0.008  # [m] of the finger that does not move from the cube, while the gripper is open
 _ARM = range(5)

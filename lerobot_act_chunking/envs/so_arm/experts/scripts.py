@@ -1,8 +1,8 @@
 """What the arm does in each task: over the cube, down, close, over the goal, open, back home.
 
 The finger that does not move keeps a little distance from the cube while the gripper is open, and comes to it
-as the gripper closes. The gripper is vertical where it grasps and where it lets go, and leans outwards high up,
-where the wrist could not bend enough.
+as the gripper closes. The gripper is vertical where it grasps and where it lets go, and leans outwards high
+up, where the wrist could not bend enough.
 """
 
 from collections.abc import Sequence
@@ -75,21 +75,21 @@ def smooth(task: Task, places: np.ndarray, home: Sequence[float], mode: int) -> 
     arm = ArmScript(
         tool=(
             Stroke(-0.2, 1.35, over_cube, free=True),
-            Stroke(0.95, 1.9, (*way.cube, _GRASP_HEIGHT, 0.0, way.turn)),
-            Stroke(2.45, 3.25, over_cube, free=True),
-            Stroke(2.85, 4.3, over_goal, free=True),
+            Stroke(0.9, 1.75, (*way.cube, _GRASP_HEIGHT, 0.0, way.turn)),
+            Stroke(2.5, 3.3, over_cube, free=True),
+            Stroke(2.9, 4.3, over_goal, free=True),
             Stroke(4.05, 4.9, (*way.goal, way.goal_height, 0.0, way.goal_turn)),
             Stroke(5.5, 6.2, over_goal),
             Stroke(5.8, 7.0, tuple(home)),
         ),
         gripper=(
             Stroke(-0.1, 0.8, (OPEN,)),
-            Stroke(1.95, 2.4, (CLOSED,)),
+            Stroke(1.95, 2.35, (CLOSED,)),
             Stroke(5.05, 5.5, (OPEN,)),
             Stroke(6.0, 6.8, HOME[-1:]),
         ),
     )
-    return Script(arm, duration=6.8, pauses=(1.93, 5.0), pauses_after=(2.42, 5.5))
+    return Script(arm, duration=6.8, pauses=(1.9, 5.0), pauses_after=(2.45, 5.5))
 
 
 def stepwise(task: Task, places: np.ndarray, home: Sequence[float], mode: int) -> Script:
