@@ -4,8 +4,7 @@ from dataclasses import dataclass, field
 from math import isfinite
 
 from lerobot_act_chunking.envs.options import ObservationOptions, check_choice
-from lerobot_act_chunking.envs.so_arm.success import SUCCESS_RULES
-from lerobot_act_chunking.envs.so_arm.tasks import TASKS
+from lerobot_act_chunking.envs.so_arm.tasks import SUCCESS_RULES, TASKS
 from lerobot_act_chunking.errors import ConfigurationError
 
 CAMERAS = ("front", "wrist")

@@ -5,7 +5,6 @@ import numpy as np
 from lerobot_act_chunking.envs.so_arm.tasks import BOX_INSIDE, CUBE_SIZE
 from lerobot_act_chunking.envs.so_arm.world import SoArmWorld
 
-SUCCESS_RULES = ("placed", "released")
 FAILURES = (
     "no contact",  # no finger touched the cube
     "missed grasp",  # one did, but the cube was never lifted

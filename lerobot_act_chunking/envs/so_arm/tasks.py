@@ -19,6 +19,9 @@ CUBE_SIZE = 0.028
 BOX_INSIDE = 0.075
 """Inner side of a box [m]."""
 
+SUCCESS_RULES = ("placed", "released")
+"""The cube is in its place; or it rests there, and nothing holds it."""
+
 Place = tuple[float, float]
 Area = tuple[Place, Place]
 

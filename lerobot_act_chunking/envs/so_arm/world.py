@@ -17,6 +17,8 @@ Contacts = frozenset[frozenset[str]]
 HOME = (0.0, -75.0, 75.0, 62.0, 0.0, 10.0)
 """Where the arm starts, in LeRobot's units."""
 
+_STUCK = 1e5  # [N m s/rad]: the damping of a joint that does not move
+
 
 @dataclass(frozen=True)
 class Units:
@@ -64,7 +66,7 @@ class SoArmWorld:
     """
 
     def __init__(self, task: str, *, backlash: float = 0.0) -> None:
-        self.task = get_task(task)
+        self.name, self.task = task, get_task(task)
         self.model = make_model(self.task, backlash=float(np.deg2rad(backlash)))
         self.data = mujoco.MjData(self.model)
         joints = [self.model.joint(name) for name in JOINTS]
@@ -131,7 +133,15 @@ class SoArmWorld:
         mujoco.mj_step(self.model, self.data, steps)
         mujoco.mj_kinematics(self.model, self.data)  # positions belong to what is observed now
         if self._warnings.any():
-            raise ActChunkingError(f"the simulation of {self.task.instruction!r} diverged")
+            raise ActChunkingError(f"the simulation of {self.name} diverged")
+
+    def block(self, joint: str) -> None:
+        """Let a joint stick where it is, whatever its servo does."""
+        self.model.dof_damping[self.model.joint(joint).dofadr] = _STUCK
+
+    def copy_to(self, data: mujoco.MjData) -> None:
+        """Bring other data of ``model`` to where everything is now, to draw it."""
+        data.qpos[:], data.mocap_pos[:] = self.data.qpos, self.data.mocap_pos
 
     def joints(self) -> np.ndarray:
         """Where the motors are, (6,) float64 in LeRobot's units."""
