@@ -68,11 +68,12 @@ class SoArmCamera(Camera):
         if self.is_connected:
             raise DeviceAlreadyConnectedError(f"the simulated camera {self.name} is already connected")
         self._stop.clear()
-        self._connected_at = self._table.clock()
+        self._connected_at = np.inf
         self._thread = Thread(target=self._run, name=f"so_arm_sim {self.name}", daemon=True)
         self._thread.start()
         if warmup:
             self._await_first()
+        self._connected_at = self._table.clock()
 
     def read(self) -> np.ndarray:
         """The next picture, uint8 (height, width, 3)."""

@@ -21,6 +21,7 @@ from lerobot_act_chunking.envs.so_arm.world import SoArmWorld
 
 logger = logging.getLogger(__name__)
 
+_ROUNDING = 1e-6  # [s]
 _REMEMBERED = 300  # control steps of joint positions, for who looks late
 
 
@@ -69,7 +70,7 @@ class Table:
             if self._started is None:
                 return
             timestep = self.world.model.opt.timestep
-            due = int((self.clock() - self._started) / timestep)
+            due = int((self.clock() - self._started + _ROUNDING) / timestep)
             while self._steps < due:
                 steps = min(due - self._steps, SUBSTEPS - self._steps % SUBSTEPS)
                 self.world.advance(steps)
@@ -90,7 +91,7 @@ class Table:
             self.catch_up()
             if not age:
                 return self.world.joints()
-            past = [joints for time, joints in self._joints if time <= self.clock() - age]
+            past = [joints for time, joints in self._joints if time <= self.clock() - age + _ROUNDING]
             return (past[-1] if past else self._joints[0][1]).copy()
 
     def block(self, joint: str) -> None:
