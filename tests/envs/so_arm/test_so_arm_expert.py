@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tiers import some
 
 from lerobot_act_chunking.envs.demonstration import ExpertOptions
 from lerobot_act_chunking.envs.operators import OPERATORS, get_operator
@@ -96,10 +97,11 @@ def test_what_cannot_be_planned_is_refused():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("task", TASKS)
-@pytest.mark.parametrize("operator", OPERATORS)
+@pytest.mark.parametrize(
+    ("task", "operator"), some(4, [(task, operator) for task in TASKS for operator in OPERATORS])
+)
 def test_every_operator_succeeds(task, operator):
     source = RecordSpec("me/arm", env="so_arm_sim", task=task, operators=(operator,)).source()
     with source.open() as play:
-        successes = sum(play(seed).success for seed in range(20))
-    assert successes >= (20 if operator == "steady" else 16)
+        successes = sum(play(seed).success for seed in range(12))
+    assert successes >= (12 if operator == "steady" else 9)
