@@ -46,14 +46,13 @@ class Table:
         self.outcomes: list[str | None] = []
         """How each finished episode failed; None where it succeeded."""
         self._started: float | None = None
-        self._steps = 0
         self._joints: deque[tuple[float, np.ndarray]] = deque(maxlen=_REMEMBERED)
-        world.reset(self.places)
-        self._progress = Progress(world)
+        self._set_out()
 
     def start(self) -> None:
-        """Let time begin."""
-        self._started = self.clock()
+        """Let time begin, with the arm at home."""
+        self._set_out()
+        self.phase, self._started = "free", self.clock()
         self._remember()
 
     def stop(self) -> None:
@@ -61,6 +60,7 @@ class Table:
         self.catch_up()
         self._started = None
         self._judge()
+        self.seed += 1
         succeeded = self.outcomes.count(None)
         logger.info("so_arm_sim: %d of %d episodes succeeded", succeeded, len(self.outcomes))
 
@@ -122,6 +122,12 @@ class Table:
             self.seed += 1
             self.world.place(self.places)
             self._progress = Progress(self.world)
+
+    def _set_out(self) -> None:
+        self._steps = 0
+        self._joints.clear()
+        self.world.reset(self.places)
+        self._progress = Progress(self.world)
 
     def _judge(self) -> None:
         failure = None if self._progress.successes["released"] else self._progress.failure

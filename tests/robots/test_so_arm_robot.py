@@ -80,6 +80,12 @@ def test_time_stands_still_before_and_after(make_robot, clock):
     robot.disconnect()
     with pytest.raises(DeviceNotConnectedError):
         robot.send_action(AWAY)
+    clock.now += 100
+    robot.connect()  # again: from home, with the next objects
+    robot.send_action(AWAY)
+    clock.now += 1
+    assert robot.get_observation()["shoulder_pan.pos"] == pytest.approx(40, abs=2)
+    assert robot.table.seed == 1
 
 
 def test_actions_are_clipped_to_the_limits_and_must_be_complete(make_robot, clock):

@@ -131,7 +131,9 @@ class SoArmWorld:
             ActChunkingError: the simulation diverged.
         """
         mujoco.mj_step(self.model, self.data, steps)
-        mujoco.mj_kinematics(self.model, self.data)  # positions belong to what is observed now
+        # Positions and pictures belong to what is observed now.
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_camlight(self.model, self.data)
         if self._warnings.any():
             raise ActChunkingError(f"the simulation of {self.name} diverged")
 
