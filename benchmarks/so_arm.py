@@ -41,7 +41,7 @@ SIZES = ((480, 640), (240, 320))
 
 
 def people(episodes: int) -> list[dict[str, Any]]:
-    """Successes of every operator in every task, from seed 0 on; five times as many episodes of ``steady``."""
+    """Successes of every operator in every task, from seed 0 on; five times as many of ``steady``."""
     cases = [(task, who, episodes * (5 if who == "steady" else 1)) for task in TASKS for who in OPERATORS]
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         return list(pool.map(_person, *zip(*cases, strict=True)))

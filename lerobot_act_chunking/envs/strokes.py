@@ -42,26 +42,45 @@ class ArmScript:
 
 
 class Timing(Protocol):
-    """When things happen in a script [s].
+    """When things happen in a script [s]."""
+
+    @property
+    def beginning(self) -> float:
+        """Of the first stroke; before 0, where an episode without a rest joins it."""
+        ...
+
+    @property
+    def duration(self) -> float:
+        """Length of an episode without a rest, at nominal pace."""
+        ...
+
+    @property
+    def end(self) -> float:
+        """Of the last stroke."""
+        ...
+
+    @property
+    def pauses(self) -> Sequence[float]:
+        """Moments at which a dwell is inserted."""
+        ...
+
+    @property
+    def pauses_after(self) -> Sequence[float]:
+        """Moments right after a contact, or before two parts meet."""
+        ...
+
+
+@dataclass(frozen=True)
+class ExpertPlan:
+    """A whole episode: a row for each control step, in the order and units of the robot's actions.
 
     Attributes:
-        beginning: of the first stroke; before 0, where an episode without a rest joins it.
-        duration: length of an episode without a rest, at nominal pace.
-        end: of the last stroke.
-        pauses: moments at which a dwell is inserted.
-        pauses_after: moments right after a contact, or before two parts meet.
+        actions: (T, A) clean targets, what a dataset records as the action.
+        commands: (T, A) what is executed: ``actions``, disturbed and late; see `executed`.
     """
 
-    @property
-    def beginning(self) -> float: ...  # noqa: D102
-    @property
-    def duration(self) -> float: ...  # noqa: D102
-    @property
-    def end(self) -> float: ...  # noqa: D102
-    @property
-    def pauses(self) -> Sequence[float]: ...  # noqa: D102
-    @property
-    def pauses_after(self) -> Sequence[float]: ...  # noqa: D102
+    actions: np.ndarray
+    commands: np.ndarray
 
 
 def steady_speed(phase: np.ndarray) -> np.ndarray:

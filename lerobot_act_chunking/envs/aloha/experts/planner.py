@@ -1,7 +1,6 @@
 """From a task and its objects to joint targets for a whole episode."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,7 +14,15 @@ from lerobot_act_chunking.envs.aloha.experts.motion import (
 from lerobot_act_chunking.envs.aloha.tasks import get_task
 from lerobot_act_chunking.envs.aloha.world import CONTROL_PERIOD
 from lerobot_act_chunking.envs.demonstration import ExpertOptions, Ranges
-from lerobot_act_chunking.envs.strokes import ArmScript, blend, detour_of, executed, shift_free, step_times
+from lerobot_act_chunking.envs.strokes import (
+    ArmScript,
+    ExpertPlan,
+    blend,
+    detour_of,
+    executed,
+    shift_free,
+    step_times,
+)
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 
 MAX_STEPS = 400
@@ -57,20 +64,6 @@ RANGES: Ranges = {
     "dropped_frames": (0.0, 0.2, "of the control steps"),
 }
 """Outside these the experts fail too often to demonstrate anything."""
-
-
-@dataclass(frozen=True)
-class ExpertPlan:
-    """A whole episode at 50 Hz, rows in the order of ``JOINT_NAMES``: arm targets [rad], grippers 0 .. 1.
-
-    Attributes:
-        actions: (T, 14) clean targets, what a dataset records as the action.
-        commands: (T, 14) what is executed: ``actions`` plus the action noise, as in DART (Laskey et al.
-            2017): the recorded action always leads back from the disturbed state.
-    """
-
-    actions: np.ndarray
-    commands: np.ndarray
 
 
 def plan(

@@ -1,7 +1,5 @@
 """From a task and its objects to joint targets for a whole episode."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from lerobot_act_chunking.envs.demonstration import ExpertOptions, Ranges
@@ -10,7 +8,7 @@ from lerobot_act_chunking.envs.so_arm.experts.kinematics import kinematics
 from lerobot_act_chunking.envs.so_arm.model import CONTROL_PERIOD
 from lerobot_act_chunking.envs.so_arm.tasks import get_task
 from lerobot_act_chunking.envs.so_arm.world import HOME
-from lerobot_act_chunking.envs.strokes import blend, detour_of, executed, shift_free, step_times
+from lerobot_act_chunking.envs.strokes import ExpertPlan, blend, detour_of, executed, shift_free, step_times
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 
 MAX_STEPS = 400
@@ -41,19 +39,6 @@ RANGES: Ranges = {
 
 _CLEARANCE = 0.008  # [m] of the finger that does not move from the cube, while the gripper is open
 _ARM = range(5)
-
-
-@dataclass(frozen=True)
-class ExpertPlan:
-    """A whole episode at 30 Hz, rows in the order and units of ``NAMES``.
-
-    Attributes:
-        actions: (T, 6) clean targets, what a dataset records as the action.
-        commands: (T, 6) what is executed: disturbed, and late.
-    """
-
-    actions: np.ndarray
-    commands: np.ndarray
 
 
 def plan(
