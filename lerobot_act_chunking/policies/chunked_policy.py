@@ -1,7 +1,7 @@
 """What this package's policies have in common: LeRobot's contract around a network that predicts chunks."""
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from lerobot_act_chunking.data.batch import Observation, has_time_axis
 from lerobot_act_chunking.data.window import ObservationWindow
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.execution.executor import ChunkExecutor
+from lerobot_act_chunking.execution.background import make_executor
 from lerobot_act_chunking.execution.interpolation import upsample
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.nn.ema import WeightAverage
@@ -37,7 +37,7 @@ Batch = dict[str, Any]
 class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, PreTrainedPolicy):
     """Base of the policies: checks, weight averaging, checkpoints, and chunks executed one action at a time.
 
-    A policy adds ``config_class``, ``name``, its network, `forward` and `_predict`. Batches are LeRobot's:
+    A policy adds ``config_class``, ``name``, its network, `forward` and `_prepare`. Batches are LeRobot's:
     normalised, on the policy's device. None is ever changed.
 
     Args:
@@ -103,13 +103,19 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
         """The network that ``self.config`` describes."""
 
     @abstractmethod
-    def _predict(self, window: Observation, envs: Environments, n_steps: int) -> Tensor:
-        """The first ``n_steps`` of the chunks (n, T, A), or of N samples (N, n, T, A), in evaluation mode.
+    def _prepare(
+        self, window: Observation, envs: Environments, n_steps: int, delay: int
+    ) -> Callable[[], Tensor]:
+        """What computes the first ``n_steps`` of the chunks (n, T, A), or of N samples (N, n, T, A).
+
+        It is called in evaluation mode, once, perhaps in another thread while actions are executed: all that
+        changes from step to step is read here.
 
         Args:
             window: observations (n, H, ...) of the environments asked for.
             envs: which ones they are; None for all.
             n_steps: control steps needed.
+            delay: control steps after which the chunks will be used.
         """
 
     def _check_size(self) -> None:
@@ -163,12 +169,12 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
         observation = Observation.from_lerobot(batch, self.feature_spec)
         self._window.push(self._encode_images_on_arrival(observation))
 
-        def predict(envs: Environments) -> Tensor:
+        def prepare(envs: Environments, delay: int) -> Callable[[], Tensor]:
             if self.training:  # switching hundreds of modules takes a tenth of a chunk's time
                 self.eval()
-            return self._predict(self._window.stack(envs), envs, self.config.n_action_steps)
+            return self._prepare(self._window.stack(envs), envs, self.config.n_action_steps, delay)
 
-        return self._action_queue.step(predict, observation.batch_size)
+        return self._action_queue.advance(prepare, observation.batch_size)
 
     def _window_of(self, batch: Batch, *, alone: bool = False) -> Observation:
         """The observations (B, H, ...) to predict from.
@@ -226,8 +232,10 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
         chosen = None if envs is None else indices(envs).tolist()
         self._episodes.begin(chosen, episode_seeds)
         if envs is None:  # anew, because evaluation may have changed the settings since
+            if hasattr(self, "_action_queue"):
+                self._action_queue.reset()  # waits for a chunk that is being computed
             # LeRobot and its tools look for a queue under this name to learn when the next inference is due.
-            self._action_queue = ChunkExecutor(self.config.execution_settings)
+            self._action_queue = make_executor(self.config.execution_settings)
             self._window = self._fresh_window()
             every_frame = 1 < self.config.n_obs_steps >= self.config.execution_settings.replan_interval
             self._encodes_every_frame = every_frame and bool(self.feature_spec.images)

@@ -1,6 +1,7 @@
 """The `act_chunked` policy: ACT's wiring of the package's blocks into LeRobot's contract."""
 
 import math
+from collections.abc import Callable
 from typing import Any, Literal
 
 import torch
@@ -175,13 +176,19 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
         drawn = self._draws.draw(window.batch_size, n_samples=n_samples, step=self._action_queue.n_steps)
         return self._chunks(window, drawn.flat(), n_samples, self.config.timing.control_steps)
 
-    def _predict(self, window: Observation, envs: Environments, n_steps: int) -> Tensor:
+    def _prepare(
+        self, window: Observation, envs: Environments, n_steps: int, delay: int
+    ) -> Callable[[], Tensor]:
         n_samples = self._action_queue.settings.n_samples
         drawn = self._draws.draw(
             window.batch_size, envs=envs, n_samples=n_samples or 1, step=self._action_queue.n_steps
         )
-        chunks = self._chunks(window, drawn.flat(), n_samples or 1, n_steps)
-        return chunks[0] if n_samples is None else chunks
+
+        def predict() -> Tensor:
+            chunks = self._chunks(window, drawn.flat(), n_samples or 1, n_steps)
+            return chunks[0] if n_samples is None else chunks
+
+        return predict
 
     def _chunks(
         self, window: Observation, draws: Draws, n_samples: int, n_steps: int

@@ -1,5 +1,6 @@
 """The `diffusion_chunked` policy: denoising in LeRobot's contract."""
 
+from collections.abc import Callable
 from typing import Any, Literal
 
 import torch
@@ -159,18 +160,23 @@ class DiffusionChunkedPolicy(ChunkedPolicy[DiffusionChunkedConfig, DiffusionNetw
         chunks = self._control_steps(keyframes.flatten(0, 1), self.config.timing.control_steps)
         return chunks.unflatten(0, keyframes.shape[:2])
 
-    def _predict(self, window: Observation, envs: Environments, n_steps: int) -> Tensor:
+    def _prepare(
+        self, window: Observation, envs: Environments, n_steps: int, delay: int
+    ) -> Callable[[], Tensor]:
         settings, start = self._action_queue.settings, self.config.warm_start
         n_samples = settings.n_samples or 1
         noise = self._held(envs, window.batch_size) if start == "noise_hold" else None
-        plan = self._current_plan(envs) if start in ("sdedit", "rtc", "prefix") else None
-        keyframes = self._sample(window, envs, n_samples, noise=noise, plan=plan, start=start)
-        chunks = self._control_steps(keyframes.flatten(0, 1), n_steps)
-        return chunks if settings.n_samples is None else chunks.unflatten(0, (n_samples, -1))
+        plan = self._current_plan(envs, delay) if start in ("sdedit", "rtc", "prefix") else None
 
-    def _current_plan(self, envs: Environments) -> Plan | None:
+        def predict() -> Tensor:
+            keyframes = self._sample(window, envs, n_samples, noise=noise, plan=plan, start=start)
+            chunks = self._control_steps(keyframes.flatten(0, 1), n_steps)
+            return chunks if settings.n_samples is None else chunks.unflatten(0, (n_samples, -1))
+
+        return predict
+
+    def _current_plan(self, envs: Environments, delay: int) -> Plan | None:
         steps, covered = self._action_queue.plan(envs)
-        delay = self._action_queue.settings.latency_steps
         return self._plan(steps, covered, delay) if steps.numel() else None
 
     def _left_over(self, steps: Tensor | None, delay: int, execution_horizon: int | None) -> Plan | None:

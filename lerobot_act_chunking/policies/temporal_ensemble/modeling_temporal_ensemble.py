@@ -11,7 +11,7 @@ from torch import Tensor
 
 from lerobot_act_chunking import compat
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.execution.executor import ChunkExecutor
+from lerobot_act_chunking.execution.background import make_executor
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.heads.action_head import at_least_single
 from lerobot_act_chunking.policies import late_chunks
@@ -106,19 +106,23 @@ class TemporalEnsemblePolicy(WithModelCard, PreTrainedPolicy):
             self._observations.observe(batch)
         if not self._takes_rtc_arguments:
             kwargs = {name: value for name, value in kwargs.items() if name not in RTC_ARGUMENTS}
-        return self._predict(batch, None, **kwargs)
+        return self._predictor(batch, None, **kwargs)()
 
     @acting
     def select_action(self, batch: Batch, **_: Any) -> Tensor:
         """The normalised action (B, A) of this control step. Call `reset` at the start of each rollout."""
         self._observations.observe(batch)
         batch_size = self._observations.batch_size(batch)
-        return self._action_queue.step(lambda envs: self._sample(batch, envs), batch_size)
+        return self._action_queue.advance(lambda envs, _: self._prepare(batch, envs), batch_size)
 
-    def _sample(self, batch: Batch, envs: Environments) -> Tensor:
-        """The chunks (n, T, A) that execution asks for; several of each, (N, n, T, A), to choose from."""
+    def _prepare(self, batch: Batch, envs: Environments) -> Callable[[], Tensor]:
+        """What computes the chunks that execution asks for, perhaps while actions are executed."""
         n_samples = self._action_queue.settings.n_samples
-        chunks = self._predict(batch, envs, n_samples or 1)
+        predict = self._predictor(batch, envs, n_samples or 1)
+        return lambda: self._checked(predict(), n_samples)
+
+    def _checked(self, chunks: Tensor, n_samples: int | None) -> Tensor:
+        """The chunks (n, T, A); several of each, (N, n, T, A), to choose from."""
         needed = self._action_queue.settings.n_action_steps
         if chunks.shape[1] < needed:
             raise ConfigurationError(
@@ -127,13 +131,16 @@ class TemporalEnsemblePolicy(WithModelCard, PreTrainedPolicy):
             )
         return chunks if n_samples is None else chunks.unflatten(0, (n_samples, -1))
 
-    def _predict(self, batch: Batch, envs: Environments, n_samples: int = 1, **kwargs: Any) -> Tensor:
+    def _predictor(
+        self, batch: Batch, envs: Environments, n_samples: int = 1, **kwargs: Any
+    ) -> Callable[[], Tensor]:
+        """What computes chunks from the observations of now."""
         if self.training:
             self.eval()
         if envs is not None and isinstance(self.inner, ChunkedPolicy):
             kwargs["envs"] = envs.repeat(n_samples)
         observations = self._observations.for_prediction(batch, envs, n_samples)
-        return at_least_single(_chunk(self.inner, observations, **kwargs))
+        return lambda: at_least_single(_chunk(self.inner, observations, **kwargs))
 
     def reset(
         self, envs: Sequence[int] | Tensor | None = None, *, episode_seeds: Sequence[int] | None = None
@@ -147,8 +154,10 @@ class TemporalEnsemblePolicy(WithModelCard, PreTrainedPolicy):
         """
         if envs is None:
             self._observations.reset()
+            if hasattr(self, "_action_queue"):
+                self._action_queue.reset()  # waits for a chunk that is being computed
             # LeRobot and its tools look for a queue under this name to learn when the next inference is due.
-            self._action_queue = ChunkExecutor(self.config.execution_settings)
+            self._action_queue = make_executor(self.config.execution_settings)
         else:
             envs = indices(envs)
             self._observations.reset(envs)

@@ -2,6 +2,7 @@
 
 import logging
 import math
+from collections.abc import Callable
 from typing import Any, Literal
 
 import torch
@@ -221,10 +222,17 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
         self.eval()
         return self._chunks(self._window_of(batch), None, n_samples, self.config.timing.control_steps, noise)
 
-    def _predict(self, window: Observation, envs: Environments, n_steps: int) -> Tensor:
+    def _prepare(
+        self, window: Observation, envs: Environments, n_steps: int, delay: int
+    ) -> Callable[[], Tensor]:
         n_samples = self._action_queue.settings.n_samples
-        chunks = self._chunks(window, envs, n_samples or 1, n_steps)
-        return chunks[0] if n_samples is None else chunks
+        draws = self._draws.draw(window.batch_size, envs=envs, n_samples=n_samples or 1)
+
+        def predict() -> Tensor:
+            chunks = self._chunks(window, envs, n_samples or 1, n_steps, draws)
+            return chunks[0] if n_samples is None else chunks
+
+        return predict
 
     def _chunks(
         self,
