@@ -2,7 +2,6 @@
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 
@@ -18,23 +17,25 @@ from lerobot_act_chunking.execution.background import make_executor
 from lerobot_act_chunking.execution.interpolation import upsample
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.nn.ema import WeightAverage
-from lerobot_act_chunking.policies import late_chunks
 from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
+from lerobot_act_chunking.policies.continuing import ContinuesChunks
 from lerobot_act_chunking.policies.dataset_defaults import fit_to_dataset
 from lerobot_act_chunking.policies.mode_balance import ModeBalance
 from lerobot_act_chunking.policies.model_card import WithModelCard
 from lerobot_act_chunking.policies.short_episodes import fit_to_episodes
+from lerobot_act_chunking.policies.size import check_size
 from lerobot_act_chunking.policies.statistics import check_statistics
 from lerobot_act_chunking.sampling.episodes import Episodes
 
 FUSED_ADAMW_DEVICES = ("cpu", "cuda", "mps")
-MOST_WEIGHTS = 4 * 10**9  # 64 GB with their gradients and AdamW's two moments: a large card
 
 Batch = dict[str, Any]
 
 
-class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, PreTrainedPolicy):
+class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](
+    ContinuesChunks, WithModelCard, PreTrainedPolicy
+):
     """Base of the policies: checks, weight averaging, checkpoints, and chunks executed one action at a time.
 
     A policy adds ``config_class``, ``name``, its network, `forward` and `_prepare`. Batches are LeRobot's:
@@ -85,7 +86,7 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
             check_statistics(config, dataset_stats)
         self.config = config
         self.feature_spec = config.feature_spec
-        self._check_size()
+        check_size(lambda: self._build(None))
         balanced = config.balance_modes != "none" and dataset_meta is not None
         self.mode_balance = ModeBalance.of_dataset(config, dataset_meta) if balanced else None
         self.model = self._build(config.pretrained_backbone_weights if load_backbone_weights else None)
@@ -117,17 +118,6 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
             n_steps: control steps needed.
             delay: control steps after which the chunks will be used.
         """
-
-    def _check_size(self) -> None:
-        """Count the weights without memory for them, and refuse what no single device trains."""
-        n_weights = 0  # unknown: some backbones of timm compute with numbers while they are built
-        with suppress(RuntimeError, NotImplementedError), torch.device("meta"):
-            n_weights = sum(each.numel() for each in self._build(None).parameters())
-        if n_weights > MOST_WEIGHTS:
-            raise ConfigurationError(
-                f"the network would have {n_weights / 1e9:.1f} billion weights, more than "
-                f"{MOST_WEIGHTS / 1e9:.0f} billion: set its widths or its layers to less"
-            )
 
     def _balanced(self, loss: Float[Tensor, " B"], batch: Batch) -> Float[Tensor, " B"]:
         """The losses with which training weighs its samples; evaluation weighs all alike.
@@ -251,10 +241,6 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
 
     def _fresh_window(self) -> ObservationWindow:
         return ObservationWindow(self.config.n_obs_steps, self.config.timing.obs_stride)
-
-    def init_rtc_processor(self) -> None:
-        """Notice when chunks come too late or fail; LeRobot calls this before its real-time engine starts."""
-        late_chunks.install(self)
 
     def update(self) -> None:
         """Follow the weights with their average; LeRobot calls this after every optimiser step."""

@@ -17,6 +17,7 @@ from lerobot_act_chunking.heads.action_head import at_least_single
 from lerobot_act_chunking.policies import late_chunks
 from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.chunked_policy import ChunkedPolicy, indices
+from lerobot_act_chunking.policies.continuing import continue_chunk, to_continue
 from lerobot_act_chunking.policies.model_card import WithModelCard
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
     TemporalEnsembleConfig,
@@ -25,7 +26,7 @@ from lerobot_act_chunking.policies.temporal_ensemble.inner import check_download
 from lerobot_act_chunking.policies.temporal_ensemble.observations import Batch, InnerObservations, private
 from lerobot_act_chunking.policies.temporal_ensemble.short_episodes import limit_execution
 
-RTC_ARGUMENTS = ("inference_delay", "prev_chunk_left_over")
+RTC_ARGUMENTS = ("inference_delay", "prev_chunk_left_over", "execution_horizon")
 
 
 class TemporalEnsemblePolicy(WithModelCard, PreTrainedPolicy):
@@ -99,14 +100,18 @@ class TemporalEnsemblePolicy(WithModelCard, PreTrainedPolicy):
 
         Args:
             batch: observations.
-            kwargs: for the inner policy. ``inference_delay`` and ``prev_chunk_left_over`` (real-time
-                chunking) are passed on if it knows them.
+            kwargs: for the inner policy. ``inference_delay``, ``prev_chunk_left_over`` and
+                ``execution_horizon`` (real-time chunking) are passed on to one that continues chunks; of
+                another one, the chunk goes over from what is left as ``execution`` says.
         """
         if not self._observations.has_own_history(batch):
             self._observations.observe(batch)
-        if not self._takes_rtc_arguments:
-            kwargs = {name: value for name, value in kwargs.items() if name not in RTC_ARGUMENTS}
-        return self._predictor(batch, None, **kwargs)()
+        if self._inner_continues:
+            return self._predictor(batch, None, **kwargs)()
+        asked = {name: kwargs.pop(name, None) for name in RTC_ARGUMENTS}
+        chunk = self._predictor(batch, None, **kwargs)()
+        steps = to_continue(self.config, asked["prev_chunk_left_over"], asked["execution_horizon"])
+        return continue_chunk(chunk, steps, asked["inference_delay"] or 0, self._action_queue.settings)
 
     @acting
     def select_action(self, batch: Batch, **_: Any) -> Tensor:
@@ -168,14 +173,16 @@ class TemporalEnsemblePolicy(WithModelCard, PreTrainedPolicy):
             self.inner.reset()
 
     @property
-    def _takes_rtc_arguments(self) -> bool:
+    def _inner_continues(self) -> bool:
+        """Whether the inner policy continues a chunk that is being executed by itself."""
         parameters = _parameters(self.inner.predict_action_chunk)
         takes_any = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
-        return takes_any or all(name in parameters for name in RTC_ARGUMENTS)
+        takes = takes_any or all(name in parameters for name in RTC_ARGUMENTS[:2])
+        return takes and self.inner.supports_rtc()
 
     def supports_rtc(self) -> bool:
-        """Whether the inner policy continues a chunk that is being executed (real-time chunking)."""
-        return self.inner.supports_rtc() and self._takes_rtc_arguments
+        """Chunks continue those that are being executed (real-time chunking), whatever the inner policy."""
+        return True
 
     def init_rtc_processor(self) -> None:
         """Hand the settings of real-time chunking, which LeRobot left in our configuration, to the inner."""
