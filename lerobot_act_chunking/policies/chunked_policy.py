@@ -2,7 +2,6 @@
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 
@@ -11,7 +10,7 @@ from jaxtyping import Float
 from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor, nn
 
-from lerobot_act_chunking.data.batch import Observation, has_time_axis
+from lerobot_act_chunking.data.batch import ActionTarget, Observation, has_time_axis
 from lerobot_act_chunking.data.window import ObservationWindow
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.executor import ChunkExecutor
@@ -20,16 +19,17 @@ from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.nn.ema import WeightAverage
 from lerobot_act_chunking.policies import late_chunks
 from lerobot_act_chunking.policies.acting import acting
+from lerobot_act_chunking.policies.batch_seeds import BatchSeeds
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
 from lerobot_act_chunking.policies.dataset_defaults import fit_to_dataset
 from lerobot_act_chunking.policies.mode_balance import ModeBalance
 from lerobot_act_chunking.policies.model_card import WithModelCard
+from lerobot_act_chunking.policies.network_size import check_size
 from lerobot_act_chunking.policies.short_episodes import fit_to_episodes
 from lerobot_act_chunking.policies.statistics import check_statistics
 from lerobot_act_chunking.sampling.episodes import Episodes
 
 FUSED_ADAMW_DEVICES = ("cpu", "cuda", "mps")
-MOST_WEIGHTS = 4 * 10**9  # 64 GB with their gradients and AdamW's two moments: a large card
 
 Batch = dict[str, Any]
 
@@ -85,7 +85,7 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
             check_statistics(config, dataset_stats)
         self.config = config
         self.feature_spec = config.feature_spec
-        self._check_size()
+        check_size(lambda: self._build(None))
         balanced = config.balance_modes != "none" and dataset_meta is not None
         self.mode_balance = ModeBalance.of_dataset(config, dataset_meta) if balanced else None
         self.model = self._build(config.pretrained_backbone_weights if load_backbone_weights else None)
@@ -94,6 +94,7 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
             if config.use_ema
             else None
         )
+        self.crop_seeds = BatchSeeds() if config.crops_at_random else None
         self.register_load_state_dict_post_hook(_adopt_average)
         self._episodes = Episodes()
         self.reset()
@@ -111,17 +112,6 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
             envs: which ones they are; None for all.
             n_steps: control steps needed.
         """
-
-    def _check_size(self) -> None:
-        """Count the weights without memory for them, and refuse what no single device trains."""
-        n_weights = 0  # unknown: some backbones of timm compute with numbers while they are built
-        with suppress(RuntimeError, NotImplementedError), torch.device("meta"):
-            n_weights = sum(each.numel() for each in self._build(None).parameters())
-        if n_weights > MOST_WEIGHTS:
-            raise ConfigurationError(
-                f"the network would have {n_weights / 1e9:.1f} billion weights, more than "
-                f"{MOST_WEIGHTS / 1e9:.0f} billion: set its widths or its layers to less"
-            )
 
     def _balanced(self, loss: Float[Tensor, " B"], batch: Batch) -> Float[Tensor, " B"]:
         """The losses with which training weighs its samples; evaluation weighs all alike.
@@ -169,6 +159,14 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
             return self._predict(self._window.stack(envs), envs, self.config.n_action_steps)
 
         return self._action_queue.step(predict, observation.batch_size)
+
+    def _training_window(self, batch: Batch, target: ActionTarget) -> Observation:
+        """The observations (B, H, ...) of a batch to learn from; training sees random parts of images."""
+        generator = None
+        if self.training and self.crop_seeds is not None:
+            generator = self.crop_seeds.next_generator(target.actions.device)
+        n_steps = self.config.n_obs_steps
+        return Observation.window_from_lerobot(batch, self.feature_spec, n_steps, target, generator)
 
     def _window_of(self, batch: Batch, *, alone: bool = False) -> Observation:
         """The observations (B, H, ...) to predict from.
