@@ -42,7 +42,7 @@ class CameraFields:
     crop_shape: tuple[int, int] | None = None
     crop_is_random: bool = True
     vision_backbone: str = None  # pyright: ignore[reportAssignmentType]  (decided on construction)
-    pretrained_backbone_weights: str | None = None
+    pretrained_backbone_weights: str | None = AUTO
     backbone_norm: Literal["group", "frozen_batch"] = None  # pyright: ignore[reportAssignmentType]  (likewise)
 
     @property

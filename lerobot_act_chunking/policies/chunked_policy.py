@@ -19,6 +19,7 @@ from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.nn.ema import WeightAverage
 from lerobot_act_chunking.policies import late_chunks
 from lerobot_act_chunking.policies.acting import acting
+from lerobot_act_chunking.policies.backbone_choice import choose_backbone
 from lerobot_act_chunking.policies.batch_seeds import BatchSeeds
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
 from lerobot_act_chunking.policies.dataset_defaults import fit_to_dataset
@@ -46,7 +47,8 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
         dataset_meta: LeRobot's metadata of the training data, checked if given. The length and the execution
             of chunks follow from it unless they were given (`fit_to_dataset`), and no more of a chunk is
             executed than its longest episode taught, unless ``n_action_steps`` was given.
-        load_backbone_weights: fill in ``pretrained_backbone_weights``; not if a checkpoint follows.
+        load_backbone_weights: fill in ``pretrained_backbone_weights``, after what ``auto`` stands for was
+            chosen; not if a checkpoint follows.
 
     Raises:
         FeatureError: if inputs or outputs cannot work.
@@ -74,6 +76,8 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
         super().__init__(config)
         config.validate_features()
         config.keep_what_is_read()
+        if load_backbone_weights:
+            choose_backbone(config)
         if dataset_meta is not None and dataset_meta.episodes is not None:
             config.check_dataset(dataset_meta.features, dataset_meta)
             config.check_fps(dataset_meta.fps)
