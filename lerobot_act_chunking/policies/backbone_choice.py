@@ -16,6 +16,7 @@ from lerobot_act_chunking.policies.camera_fields import AUTO
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
 
 LITE = timm_models.LITE
+_NEEDS_RANDOM = "backbone_norm=group was given, which pretrained weights do not fit"
 
 logger = logging.getLogger(__name__)
 
@@ -24,7 +25,8 @@ def choose_backbone(config: ChunkedConfig) -> None:
     """Replace ``auto`` by weights for the backbone; without any, by a backbone that there are weights for.
 
     Another backbone is taken only if none was given, and not with ``preset=paper``, whose network is
-    LeRobot's. What was chosen is said in one line, and a random start is a warning.
+    LeRobot's. No weights fit a given ``backbone_norm=group``. What was chosen is said in one line; a random
+    start is a warning.
 
     Args:
         config: of a policy with its features known; changed in place.
@@ -33,8 +35,9 @@ def choose_backbone(config: ChunkedConfig) -> None:
         return
     backbone = config.vision_backbone
     fixed = config.given("vision_backbone") is not None or config.given("preset") == "paper"
-    weights, reason = _weights_of(backbone)
-    if weights is None and not fixed and _lite_is_installed():
+    fits = config.given("backbone_norm") != "group"
+    weights, reason = _weights_of(backbone) if fits else (None, _NEEDS_RANDOM)
+    if weights is None and fits and not fixed and _lite_is_installed():
         backbone, weights = LITE, timm_models.IMAGENET
     config.settle(vision_backbone=backbone, pretrained_backbone_weights=weights)
     if weights is not None:
@@ -54,9 +57,8 @@ def choose_backbone(config: ChunkedConfig) -> None:
 def _weights_of(backbone: str) -> tuple[str | None, str]:
     """The name of weights that are on this machine now, or None and why there are none."""
     if backbone == LITE:
-        return (
-            (timm_models.IMAGENET, "") if _lite_is_installed() else (None, "their package is not installed")
-        )
+        installed = _lite_is_installed()
+        return (timm_models.IMAGENET, "") if installed else (None, "their package is not installed")
     if backbone not in torchvision_models.NAMES:
         return None, "no weights were named"
     weights = torchvision_models.imagenet_weights(backbone)

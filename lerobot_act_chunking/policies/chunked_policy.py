@@ -47,8 +47,7 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
         dataset_meta: LeRobot's metadata of the training data, checked if given. The length and the execution
             of chunks follow from it unless they were given (`fit_to_dataset`), and no more of a chunk is
             executed than its longest episode taught, unless ``n_action_steps`` was given.
-        load_backbone_weights: fill in ``pretrained_backbone_weights``, after what ``auto`` stands for was
-            chosen; not if a checkpoint follows.
+        load_backbone_weights: choose and fill in pretrained weights; not if a checkpoint follows.
 
     Raises:
         FeatureError: if inputs or outputs cannot work.

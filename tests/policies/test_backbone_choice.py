@@ -74,7 +74,7 @@ def test_without_any_it_is_random_with_one_warning(caplog):
 
 @pytest.mark.parametrize(
     "settings",
-    [{"vision_backbone": "resnet18"}, {"preset": "paper"}],
+    [{"vision_backbone": "resnet18"}, {"preset": "paper"}, {"backbone_norm": "group"}],
 )
 def test_a_backbone_that_was_chosen_stays(settings, caplog):
     config, (record,) = chosen(caplog, **settings)

@@ -26,6 +26,7 @@ from lerobot_act_chunking.data.fast_chunks.frames.filling import fill, fill_in_b
 from lerobot_act_chunking.data.fast_chunks.frames.store import FrameStore
 from lerobot_act_chunking.data.fast_chunks.image_switch import ImageSwitch
 from lerobot_act_chunking.data.fast_chunks.reading import Reading, with_reading
+from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.nn.image_view import ImageView, resize
 
 N = sum(LENGTHS)
@@ -204,6 +205,12 @@ def test_what_does_not_fit_is_not_cached(videos, monkeypatch, caplog, folder, li
     assert list(folder.glob("*/")) == []
     (record,) = (record for record in caplog.records if "without a cache" in record.message)
     assert re.search(message, record.message)
+
+
+def test_a_limit_that_is_no_number_is_refused(videos, monkeypatch):
+    monkeypatch.setenv(cache.LIMIT, "much")
+    with pytest.raises(ConfigurationError, match="ACT_CHUNKING_FRAME_CACHE_GB=much must be a number"):
+        fast(videos)
 
 
 def test_what_was_not_used_for_longest_goes_first(videos, monkeypatch, folder):

@@ -21,6 +21,7 @@ from lerobot.utils.constants import HF_LEROBOT_HOME
 
 from lerobot_act_chunking.data.fast_chunks.frames.store import DESCRIPTION, FrameStore, frame_shape
 from lerobot_act_chunking.durable_files import remove
+from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.nn.image_view import Size
 
 FOLDER, LIMIT = "ACT_CHUNKING_FRAME_CACHE", "ACT_CHUNKING_FRAME_CACHE_GB"
@@ -112,7 +113,7 @@ def _make_room(root: Path, wanted: Mapping[str, Wanted], n_frames: int) -> str |
     """Delete what has not been used for longest until all stores fit; or say why they cannot."""
     ours = {each.store.folder for each in wanted.values()}
     needed = sum(n_frames * each.store.frame_bytes for each in wanted.values())
-    limit = float(os.environ.get(LIMIT) or DEFAULT_LIMIT_GB) * 1e9
+    limit = _limit()
     if needed > limit:
         return (
             f"they would take {needed / 1e9:.1f} GB, more than {LIMIT}={limit / 1e9:g}; smaller ones take "
@@ -135,6 +136,15 @@ def _make_room(root: Path, wanted: Mapping[str, Wanted], n_frames: int) -> str |
             f"{LEFT_FREE / 1e9:g} GB are left to others; {FOLDER} names another folder"
         )
     return None
+
+
+def _limit() -> float:
+    """The most that all stores may take together [bytes]."""
+    given = os.environ.get(LIMIT) or str(DEFAULT_LIMIT_GB)
+    try:
+        return float(given) * 1e9
+    except ValueError as error:
+        raise ConfigurationError(f"{LIMIT}={given} must be a number of gigabytes, such as 32") from error
 
 
 def _free(root: Path) -> int:
