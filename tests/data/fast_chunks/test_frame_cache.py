@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from filelock import FileLock
 from lerobot.datasets import dataset_reader
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot_sets import LENGTHS, REPO_ID, assert_same, batch, seconds
@@ -255,6 +256,10 @@ def test_the_background_decodes_what_is_missing(videos, decodes, caplog):
     decodes.clear()
     fill(options(videos, dataset), os.getpid())
     assert decodes == []  # this process is not its child
+    store = dataset._frames.stores[CAMERAS[0]]
+    with FileLock(store.folder / "filling.lock"):  # somebody else does it
+        fill(options(videos, dataset), os.getppid())
+    assert decodes == []
     with caplog.at_level(logging.INFO, logger=filling.__name__):
         fill(options(videos, dataset), os.getppid())
     assert sum(decodes) == 2 * (N - 1)

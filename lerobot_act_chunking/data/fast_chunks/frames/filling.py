@@ -13,7 +13,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from filelock import FileLock, Timeout
 from jaxtyping import Int64
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
-from lerobot_act_chunking.data.fast_chunks.columns import numeric_columns
+from lerobot_act_chunking.data.fast_chunks.columns import Column, numeric_columns
 from lerobot_act_chunking.data.fast_chunks.frames.source import Frames, Moments
 
 FEW = 256  # missing frames that training has decoded before another process has started
@@ -80,11 +81,18 @@ def fill(options: dict[str, Any], parent: int) -> None:
     n_frames = len(reader.hf_dataset)
     size = None if options["size"] is None else tuple(options["size"])
     frames = Frames(reader, options["cameras"], size, n_frames)
-    if not frames.stores or not _begin(frames):
+    if not frames.stores:
         return
-    done, said = 0, time.monotonic()
+    alone = FileLock(_first_folder(frames) / "filling.lock", blocking=False)
+    with suppress(Timeout), alone:  # or somebody else fills the same stores
+        _fill_all(frames, reader, columns, lambda: os.getppid() == parent and frames.stores_more)
+
+
+def _fill_all(frames: Frames, reader: Any, columns: dict[str, Column], wanted: Callable[[], bool]) -> None:
+    """Decode and store, as long as that is ``wanted``."""
+    n_frames, done, said = len(reader.hf_dataset), 0, time.monotonic()
     for rows in _pieces(columns["episode_index"].take(np.arange(n_frames))):
-        if os.getppid() != parent:
+        if not wanted():
             return
         _store(frames, reader, columns, rows)
         done += len(rows)
@@ -94,20 +102,11 @@ def fill(options: dict[str, Any], parent: int) -> None:
     logger.info("frame cache: complete, %d frames", n_frames)
 
 
-def _begin(frames: Frames) -> bool:
-    """Whether no other process fills the same stores; the lock ends with this one."""
-    try:
-        FileLock(_first_folder(frames) / "filling.lock").acquire(blocking=False)
-    except Timeout:
-        return False
-    return True
-
-
 def _first_folder(frames: Frames) -> Path:
     return next(iter(frames.stores.values())).folder
 
 
-def _store(frames: Frames, reader: Any, columns: Any, rows: Int64[np.ndarray, " n"]) -> None:
+def _store(frames: Frames, reader: Any, columns: dict[str, Column], rows: Int64[np.ndarray, " n"]) -> None:
     """Decode those of these neighbouring rows that are missing, of each camera."""
     index = columns["index"].take(rows)
     moments = {

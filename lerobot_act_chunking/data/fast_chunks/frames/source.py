@@ -40,6 +40,8 @@ class Frames:
         cameras: keys of videos.
         size: (height, width) of the frames; None for the videos' own.
         n_frames: that will be read of each camera.
+
+    ``stores_more`` turns false in a process that could not store a frame.
     """
 
     def __init__(self, reader: DatasetReader, cameras: Sequence[str], size: Size | None, n_frames: int):
@@ -47,7 +49,7 @@ class Frames:
         self.size = size
         self.shapes = {key: frame_shape(features[key]["shape"], size) for key in cameras}
         self.stores: dict[str, FrameStore] = open_stores(reader, cameras, size, n_frames)
-        self._stores_more = True
+        self.stores_more = True
 
     @property
     def cameras(self) -> Collection[str]:
@@ -105,13 +107,13 @@ class Frames:
 
     def _store(self, key: str, index: Int64[np.ndarray, " n"], pixels: UInt8[np.ndarray, "n 3 h w"]) -> None:
         """Keep frames; a full disk ends that for this process."""
-        if key not in self.stores or not self._stores_more:
+        if key not in self.stores or not self.stores_more:
             return
         try:
             for frame, each in zip(index.tolist(), pixels, strict=True):
                 self.stores[key].write(frame, each)
         except OSError as error:
-            self._stores_more = False
+            self.stores_more = False
             logger.warning("no more decoded frames are stored, those that are stay in use: %s", error)
 
     def missing(self, index: Int64[np.ndarray, " n"]) -> dict[str, Int64[np.ndarray, " m"]]:
