@@ -21,7 +21,7 @@ CHECKED = (
     "data",
     "policies.act_chunked.network",
     "policies.diffusion_chunked.denoising",
-    "policies.diffusion_chunked.plan",
+    "execution.plan",
     "policies.vqbet_chunked.network",
 )
 install_import_hook([f"lerobot_act_chunking.{module}" for module in CHECKED], "beartype.beartype")

@@ -17,7 +17,7 @@ from lerobot.utils.import_utils import register_third_party_plugins
 
 register_third_party_plugins()
 print(sorted({set(MODULES)} & set(PreTrainedConfig.get_known_choices())))
-print(sorted({{"aloha_sim", "three_gates"}} & set(EnvConfig.get_known_choices())))
+print(sorted({{"aloha_sim", "so_arm_sim", "three_gates"}} & set(EnvConfig.get_known_choices())))
 print(factory.LeRobotDataset.__name__)
 """
     done = subprocess.run(
@@ -29,7 +29,7 @@ print(factory.LeRobotDataset.__name__)
     )
     assert done.stdout.splitlines() == [
         str(sorted(MODULES)),
-        "['aloha_sim', 'three_gates']",
+        "['aloha_sim', 'so_arm_sim', 'three_gates']",
         "FastChunkDataset",
     ]
 

@@ -73,7 +73,7 @@ def test_an_environment_is_ready_to_step():
         (
             "transfer_cubes",
             {},
-            "choose one of: transfer_cube, insertion, transfer_modes, three_gates, Fetch",
+            "choose one of: transfer_cube, insertion, transfer_modes, pick_place, stack, two_ways, ",
         ),
         ("insertion", {"success": "any"}, "unknown success rule 'any'; choose one of: touch, hold"),
     ],

@@ -12,12 +12,15 @@ def record_command(
         Path | None,
         typer.Option(help="Folder of the dataset. \\[default: where LeRobot looks for the repo id]"),
     ] = None,
-    env: Annotated[str, typer.Option(help="aloha_sim, gymnasium_robotics or three_gates.")] = "aloha_sim",
+    env: Annotated[
+        str, typer.Option(help="aloha_sim, gymnasium_robotics, so_arm_sim or three_gates.")
+    ] = "aloha_sim",
     task: Annotated[
         str | None,
         typer.Option(
             help="transfer_cube, insertion or transfer_modes; FetchReach-v4, FetchPush-v4, FetchSlide-v4 or "
-            "FetchPickAndPlace-v4; three_gates. \\[default: the first of each]"
+            "FetchPickAndPlace-v4; pick_place, stack or two_ways (so_arm_sim); three_gates. "
+            "\\[default: the first of each]"
         ),
     ] = None,
     episodes: Annotated[int, typer.Option(help="Successful episodes to record.")] = 50,
@@ -34,7 +37,8 @@ def record_command(
     cameras: Annotated[
         str,
         typer.Option(
-            help="Cameras, as in top,angle,left_wrist. \\[default: top or view, none with --obs state]"
+            help="Cameras, as in top,angle,left_wrist. \\[default: top, view or front,wrist; none with "
+            "--obs state]"
         ),
     ] = "",
     image_height: Annotated[int, typer.Option(help="Height of every camera's video \\[px].")] = 480,
@@ -46,7 +50,8 @@ def record_command(
         str | None,
         typer.Option(
             help="What counts as success. ALOHA: hold (lifted and held) or touch (gym-aloha's). Fetch: final "
-            "(at the episode's last step) or any (ends there). \\[default: the first]"
+            "(at the episode's last step) or any (ends there). SO-101: released (at rest there) or placed. "
+            "\\[default: the first]"
         ),
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the first episode; lerobot-eval begins at 1000.")] = 0,
@@ -65,8 +70,8 @@ def record_command(
     action_noise: Annotated[
         float,
         typer.Option(
-            help="Disturbance of what is executed, std \\[rad; Fetch: of the largest action]; recorded "
-            "actions stay clean."
+            help="Disturbance of what is executed, std \\[rad; SO-101: degrees; Fetch: of the largest one]; "
+            "recorded actions stay clean."
         ),
     ] = 0.0,
     dwell: Annotated[
@@ -75,7 +80,7 @@ def record_command(
     mode_shares: Annotated[
         str,
         typer.Option(
-            help="transfer_modes, three_gates: percentages of the episodes that go each of the three ways, "
+            help="transfer_modes, three_gates, two_ways: percentages of the episodes that go each way, "
             "as in 80,15,5. \\[default: equal]"
         ),
     ] = "",

@@ -5,6 +5,7 @@ from typing import Any
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 
 from lerobot_act_chunking.errors import ActChunkingError
 
@@ -24,7 +25,7 @@ def run(app: Any, argv: list[str] | None = None, name: str | None = None) -> int
     try:
         status = app(args=argv, prog_name=name, standalone_mode=False)
     except ActChunkingError as error:
-        console.print(f"[red]error:[/] {error}", highlight=False, soft_wrap=True)
+        console.print(f"[red]error:[/] {escape(str(error))}", highlight=False, soft_wrap=True)
         return REFUSED
     except (KeyboardInterrupt, typer.Abort):
         status = STOPPED

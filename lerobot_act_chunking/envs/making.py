@@ -4,7 +4,7 @@ from typing import Any
 
 import gymnasium as gym
 
-from lerobot_act_chunking.envs.registration import GYM_IDS, THREE_GATES_ID, robotics_id
+from lerobot_act_chunking.envs.registration import GYM_IDS, SO_ARM_IDS, THREE_GATES_ID, robotics_id
 from lerobot_act_chunking.envs.robotics.tasks import TASKS as ROBOTICS_TASKS
 from lerobot_act_chunking.errors import unknown_choice
 
@@ -17,16 +17,16 @@ def make_env(task: str = "transfer_cube", **options: Any) -> gym.Env:
     says whether the task is done.
 
     Args:
-        task: ``transfer_cube``, ``insertion`` or ``transfer_modes`` (ALOHA), ``three_gates``, or of
-            gymnasium-robotics, as ``FetchPush-v4``.
-        options: fields of `AlohaSimOptions`, `ThreeGatesOptions` or `RoboticsOptions`, such as ``obs_type``
-            and ``cameras``.
+        task: ``transfer_cube``, ``insertion`` or ``transfer_modes`` (ALOHA), ``pick_place``, ``stack``
+            or ``two_ways`` (SO-101), ``three_gates``, or of gymnasium-robotics, as ``FetchPush-v4``.
+        options: fields of `AlohaSimOptions`, `SoArmOptions`, `ThreeGatesOptions` or `RoboticsOptions`, such
+            as ``obs_type`` and ``cameras``.
 
     Raises:
         ConfigurationError: an unknown task, or an option that cannot work.
     """
     fetch = {name: robotics_id(name) for name in ROBOTICS_TASKS}
-    ids = {**GYM_IDS, "three_gates": THREE_GATES_ID, **fetch}
+    ids = {**GYM_IDS, **SO_ARM_IDS, "three_gates": THREE_GATES_ID, **fetch}
     if task not in ids:
         raise unknown_choice("task", task, ids)
     return gym.make(ids[task], disable_env_checker=True, **options)

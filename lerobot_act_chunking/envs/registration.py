@@ -10,6 +10,12 @@ GYM_IDS = {
     "transfer_modes": "aloha_sim/TransferModes-v0",
 }
 """Gymnasium id of each ALOHA task."""
+SO_ARM_IDS = {
+    "pick_place": "so_arm_sim/PickPlace-v0",
+    "stack": "so_arm_sim/Stack-v0",
+    "two_ways": "so_arm_sim/TwoWays-v0",
+}
+"""Gymnasium id of each task of the SO-101."""
 THREE_GATES_ID = "three_gates/ThreeGates-v0"
 
 
@@ -22,6 +28,8 @@ def register_gymnasium_ids() -> None:
     """Register every environment once; the classes are imported only when one is made."""
     for task, gym_id in GYM_IDS.items():
         _register(gym_id, "lerobot_act_chunking.envs.aloha.env:AlohaSimEnv", task, max_episode_steps=400)
+    for task, gym_id in SO_ARM_IDS.items():
+        _register(gym_id, "lerobot_act_chunking.envs.so_arm.env:SoArmEnv", task, max_episode_steps=400)
     gates = "lerobot_act_chunking.envs.three_gates.env:ThreeGatesEnv"
     _register(THREE_GATES_ID, gates, "three_gates", max_episode_steps=40)
     for task in ROBOTICS_TASKS:

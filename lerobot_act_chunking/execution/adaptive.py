@@ -83,8 +83,8 @@ class AdaptiveEnsemble(NewestChunk):
     def _move_back(self) -> None:
         super()._move_back()
         for cells in (self._older, self._counts):
-            cells[:, :, : self._span] = cells[:, :, self._span :]
-            cells[:, :, self._span :] = 0
+            cells[:, :, : 2 * self._span] = cells[:, :, self._span :].clone()
+            cells[:, :, 2 * self._span :] = 0
 
     def add(self, chunk: Float[Tensor, "n T A"], envs: Environments = None, delay: int = 0) -> None:
         """Take in a chunk, blended with those that it agrees with; see `Timeline.add`."""

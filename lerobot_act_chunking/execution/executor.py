@@ -23,6 +23,9 @@ from lerobot_act_chunking.execution.timeline import (
 # Gives the chunks (n, T, A) that start now for the environments asked for (None: all); (N, n, T, A) if the
 # mode chooses among N samples.
 Predict = Callable[[Environments], Float[Tensor, "*N n T A"]]
+# Sees to all that such a chunk depends on, for the environments asked for and the control steps that it will
+# be late; what it gives computes the chunk, in any thread.
+Prepare = Callable[[Environments, int], Callable[[], Float[Tensor, "*N n T A"]]]
 
 
 @dataclass(frozen=True)
@@ -120,6 +123,18 @@ class ChunkExecutor:
             self.add(predict(envs), envs, self.settings.latency_steps)
         return self.pop()
 
+    def advance(self, prepare: Prepare, batch_size: int) -> Float[Tensor, "B A"]:
+        """The action of this control step, as `step`, of a policy whose chunks may be computed elsewhere.
+
+        Args:
+            prepare: called only if a chunk is due.
+            batch_size: number of environments now.
+
+        Raises:
+            ValueError: as `step`.
+        """
+        return self.step(lambda envs: prepare(envs, self.settings.latency_steps)(), batch_size)
+
     def _due(self) -> Environments:
         if self._step >= self._last_due:
             return None
@@ -131,7 +146,7 @@ class ChunkExecutor:
         Args:
             chunk: as from ``predict``.
             envs: the environments it is for; None for all.
-            delay: steps that its computation took: the older plan goes on for as long.
+            delay: steps that its computation will have taken: the older plan goes on for as long.
 
         Raises:
             ValueError: as `step`.
@@ -148,6 +163,25 @@ class ChunkExecutor:
         self._schedule(envs, self._step + self.settings.replan_interval)
         if self.on_chunk is not None:
             self.on_chunk(ChunkEvent(self._step, envs, chunk))
+
+    def add_late(self, chunk: Float[Tensor, "*N n T A"], age: int) -> None:
+        """Take in a chunk for all environments, whose first action was for ``age`` steps ago.
+
+        What comes of it is what ``latency_steps=age`` says: the same as `add` with that delay in time.
+
+        Args:
+            chunk: as from ``predict``.
+            age: control steps since its observation, fewer than ``n_action_steps``.
+
+        Raises:
+            ValueError: as `step`.
+        """
+        self._step -= age
+        try:
+            with self._timeline.rewound(age):
+                self.add(chunk, None, age)
+        finally:
+            self._step += age
 
     def pop(self) -> Float[Tensor, "B A"]:
         """The action of the current step; the last one is held if no chunk covers it."""

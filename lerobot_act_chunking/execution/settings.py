@@ -53,6 +53,10 @@ class ExecutionSettings:
         replan_interval: R [control steps]; a quarter of ``n_action_steps`` by default.
         latency_steps: d, a chunk computed from the observation at s is used from s + d on; until then the
             older ones continue. The first chunk of a rollout is used at once.
+        background: compute each chunk beside the actions that wait, in a thread, for a robot in real time:
+            it is used from the step on at which it is there, as with ``latency_steps``, by which the first
+            chunks are expected. Only the first of a rollout is waited for. In a simulation leave it off: what
+            comes of it depends on the machine.
         temporal_ensemble_coeff: m >= 0 [1 / control step], how fast weights change with age.
         ensemble_weighting: weight of a prediction made j steps ago: ``act`` exp(m j), the oldest weighs most,
             as in ACT and LeRobot; ``recency`` exp(-m j), the newest weighs most; ``uniform`` 1.
@@ -77,6 +81,7 @@ class ExecutionSettings:
     n_action_steps: int = None  # pyright: ignore[reportAssignmentType]  (filled in on construction)
     replan_interval: int = None  # pyright: ignore[reportAssignmentType]
     latency_steps: int = 0
+    background: bool = False
     temporal_ensemble_coeff: float | None = None
     ensemble_weighting: Weighting | None = None
     crossfade_steps: int | None = None
@@ -197,9 +202,11 @@ class ExecutionSettings:
                 f"must equal n_action_steps={self.n_action_steps}: set replan_interval=null"
                 + (", or execution=receding to replan earlier" if earlier else "")
             )
-        if self.latency_steps:
+        if self.latency_steps or self.background:
+            what = f"during latency_steps={self.latency_steps}" if self.latency_steps else "in the meantime"
             raise ConfigurationError(
-                f"execution=open_loop leaves nothing to execute during latency_steps={self.latency_steps}: "
+                f"execution=open_loop leaves nothing to execute {what}"
+                f"{', background=true' if self.background else ''}: "
                 "set execution=receding or execution=crossfade"
             )
 

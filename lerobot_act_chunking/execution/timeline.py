@@ -2,7 +2,8 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 import torch
@@ -20,9 +21,10 @@ MAX_EXPONENT = math.log(1e100)  # far above any share that still counts, far bel
 class Timeline(ABC):
     """One cell per coming step, each holding a blend of the predictions for it; environments in lockstep.
 
-    Cells for two windows are kept, a window being the last action and the T steps from now on, and the window
-    moves over them, so that every operation is on one contiguous slice; memory is O(T) per environment
-    whatever the number of overlapping chunks. What a cell has seen is told by the share that its newest
+    Cells for three windows are kept, a window being the last action and the T steps from now on, and the
+    window moves over the last two of them, so that every operation is on one contiguous slice and the last T
+    steps are still there for a chunk that comes late; memory is O(T) per environment whatever the number of
+    overlapping chunks. What a cell has seen is told by the share that its newest
     prediction has in it. Shares live in NumPy, whose calls cost a third of PyTorch's, with one row for all
     environments until one is treated alone.
 
@@ -49,12 +51,12 @@ class Timeline(ABC):
     def reset(self, envs: Environments = None) -> None:
         """Forget everything about these environments; all: equal to a fresh timeline."""
         if envs is None:
-            self._plan = torch.empty(0, 0, 0)  # (B, 2 * span, A) from the first chunk on
+            self._plan = torch.empty(0, 0, 0)  # (B, 3 * span, A) from the first chunk on
             self._dtype = torch.float32  # of the chunks
-            self._shares = np.full((1, 2 * self._span), EMPTY)
+            self._shares = np.full((1, 3 * self._span), EMPTY)
             self._added_at = np.zeros((1, 1), dtype=np.int64)  # steps
             self._step = 0
-            self._head = 1  # the current step's cell
+            self._head = self._span + 1  # the current step's cell
             self._covered_until = 0  # up to this step it is known that all environments have a plan
             self._rhythm, self._repeats = NO_RHYTHM, 0  # and for how many chunks in a row
         elif self._plan.numel():
@@ -95,6 +97,23 @@ class Timeline(ABC):
         if envs is None:
             return plan, covered
         return plan[envs.to(plan.device)], covered[envs] if len(covered) > 1 else covered
+
+    @contextmanager
+    def rewound(self, age: int) -> Iterator[None]:
+        """Work as ``age`` steps ago, when the observation of a chunk was made that comes only now.
+
+        Args:
+            age: control steps, T at most. Add the chunk with at least this ``delay``: they are over.
+        """
+        last = self._last_action.clone()
+        self._step -= age
+        self._head -= age
+        try:
+            yield
+        finally:
+            self._step += age
+            self._head += age
+            self._last_action[:] = last
 
     def add(self, chunk: Float[Tensor, "n T A"], envs: Environments = None, delay: int = 0) -> None:
         """Take in a chunk whose first action is for the current step.
@@ -161,7 +180,7 @@ class Timeline(ABC):
         B, _, A = chunk.shape
         self._dtype = chunk.dtype
         dtype = torch.promote_types(chunk.dtype, torch.float32)
-        self._plan = torch.zeros(B, 2 * self._span, A, dtype=dtype, device=chunk.device)
+        self._plan = torch.zeros(B, 3 * self._span, A, dtype=dtype, device=chunk.device)
 
     def pop(self) -> Float[Tensor, "B A"]:
         """The action of the current step; moves on to the next. Without one, the last action is held.
@@ -174,7 +193,7 @@ class Timeline(ABC):
         action = self._plan[:, self._head].clone()
         self._step += 1
         self._head += 1
-        if self._head > self._span:
+        if self._head > 2 * self._span:
             self._move_back()
         return action if action.dtype == self._dtype else action.to(self._dtype)
 
@@ -190,13 +209,13 @@ class Timeline(ABC):
             self._plan[:, self._head] = action
 
     def _move_back(self) -> None:
-        """Continue at the start of the cells, so that there is room for a whole window again."""
+        """Continue one window earlier in the cells, so that there is room for a whole window again."""
         span = self._span
-        self._plan[:, :span] = self._plan[:, span:]
-        self._plan[:, span:] = 0
-        self._shares[:, :span] = self._shares[:, span:]
-        self._shares[:, span:] = EMPTY
-        self._head = 1
+        self._plan[:, : 2 * span] = self._plan[:, span:].clone()
+        self._plan[:, 2 * span :] = 0
+        self._shares[:, : 2 * span] = self._shares[:, span:].copy()
+        self._shares[:, 2 * span :] = EMPTY
+        self._head -= span
 
 
 class NewestChunk(Timeline):

@@ -1,7 +1,7 @@
 """What this package's policies have in common: LeRobot's contract around a network that predicts chunks."""
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -13,20 +13,21 @@ from torch import Tensor, nn
 from lerobot_act_chunking.data.batch import ActionTarget, Observation, has_time_axis
 from lerobot_act_chunking.data.window import ObservationWindow
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.execution.executor import ChunkExecutor
+from lerobot_act_chunking.execution.background import make_executor
 from lerobot_act_chunking.execution.interpolation import upsample
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.nn.ema import WeightAverage
-from lerobot_act_chunking.policies import late_chunks
 from lerobot_act_chunking.policies.acting import acting
+from lerobot_act_chunking.policies.averages import adopt_average
 from lerobot_act_chunking.policies.backbone_choice import choose_backbone
 from lerobot_act_chunking.policies.batch_seeds import BatchSeeds
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
+from lerobot_act_chunking.policies.continuing import ContinuesChunks
 from lerobot_act_chunking.policies.dataset_defaults import fit_to_dataset
 from lerobot_act_chunking.policies.mode_balance import ModeBalance
 from lerobot_act_chunking.policies.model_card import WithModelCard
-from lerobot_act_chunking.policies.network_size import check_size
 from lerobot_act_chunking.policies.short_episodes import fit_to_episodes
+from lerobot_act_chunking.policies.size import check_size
 from lerobot_act_chunking.policies.statistics import check_statistics
 from lerobot_act_chunking.sampling.episodes import Episodes
 
@@ -35,10 +36,12 @@ FUSED_ADAMW_DEVICES = ("cpu", "cuda", "mps")
 Batch = dict[str, Any]
 
 
-class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, PreTrainedPolicy):
+class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](
+    ContinuesChunks, WithModelCard, PreTrainedPolicy
+):
     """Base of the policies: checks, weight averaging, checkpoints, and chunks executed one action at a time.
 
-    A policy adds ``config_class``, ``name``, its network, `forward` and `_predict`. Batches are LeRobot's:
+    A policy adds ``config_class``, ``name``, its network, `forward` and `_prepare`. Batches are LeRobot's:
     normalised, on the policy's device. None is ever changed.
 
     Args:
@@ -98,7 +101,7 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
             else None
         )
         self.crop_seeds = BatchSeeds() if config.crops_at_random else None
-        self.register_load_state_dict_post_hook(_adopt_average)
+        self.register_load_state_dict_post_hook(adopt_average)
         self._episodes = Episodes()
         self.reset()
 
@@ -107,13 +110,19 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
         """The network that ``self.config`` describes."""
 
     @abstractmethod
-    def _predict(self, window: Observation, envs: Environments, n_steps: int) -> Tensor:
-        """The first ``n_steps`` of the chunks (n, T, A), or of N samples (N, n, T, A), in evaluation mode.
+    def _prepare(
+        self, window: Observation, envs: Environments, n_steps: int, delay: int
+    ) -> Callable[[], Tensor]:
+        """What computes the first ``n_steps`` of the chunks (n, T, A), or of N samples (N, n, T, A).
+
+        It is called in evaluation mode, once, perhaps in another thread while actions are executed: all that
+        changes from step to step is read here.
 
         Args:
             window: observations (n, H, ...) of the environments asked for.
             envs: which ones they are; None for all.
             n_steps: control steps needed.
+            delay: control steps after which the chunks will be used.
         """
 
     def _balanced(self, loss: Float[Tensor, " B"], batch: Batch) -> Float[Tensor, " B"]:
@@ -156,12 +165,12 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
         observation = Observation.from_lerobot(batch, self.feature_spec)
         self._window.push(self._encode_images_on_arrival(observation))
 
-        def predict(envs: Environments) -> Tensor:
+        def prepare(envs: Environments, delay: int) -> Callable[[], Tensor]:
             if self.training:  # switching hundreds of modules takes a tenth of a chunk's time
                 self.eval()
-            return self._predict(self._window.stack(envs), envs, self.config.n_action_steps)
+            return self._prepare(self._window.stack(envs), envs, self.config.n_action_steps, delay)
 
-        return self._action_queue.step(predict, observation.batch_size)
+        return self._action_queue.advance(prepare, observation.batch_size)
 
     def _training_window(self, batch: Batch, target: ActionTarget) -> Observation:
         """The observations (B, H, ...) of a batch to learn from; training sees random parts of images."""
@@ -227,8 +236,10 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
         chosen = None if envs is None else indices(envs).tolist()
         self._episodes.begin(chosen, episode_seeds)
         if envs is None:  # anew, because evaluation may have changed the settings since
+            if hasattr(self, "_action_queue"):
+                self._action_queue.reset()  # waits for a chunk that is being computed
             # LeRobot and its tools look for a queue under this name to learn when the next inference is due.
-            self._action_queue = ChunkExecutor(self.config.execution_settings)
+            self._action_queue = make_executor(self.config.execution_settings)
             self._window = self._fresh_window()
             every_frame = 1 < self.config.n_obs_steps >= self.config.execution_settings.replan_interval
             self._encodes_every_frame = every_frame and bool(self.feature_spec.images)
@@ -244,10 +255,6 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](WithModelCard, 
 
     def _fresh_window(self) -> ObservationWindow:
         return ObservationWindow(self.config.n_obs_steps, self.config.timing.obs_stride)
-
-    def init_rtc_processor(self) -> None:
-        """Notice when chunks come too late or fail; LeRobot calls this before its real-time engine starts."""
-        late_chunks.install(self)
 
     def update(self) -> None:
         """Follow the weights with their average; LeRobot calls this after every optimiser step."""
@@ -284,17 +291,3 @@ def indices(envs: Sequence[int] | Tensor) -> Tensor:
     """Environments, given as indices or as a mask over all, as indices on the CPU."""
     envs = torch.as_tensor(envs, device="cpu")
     return envs.nonzero()[:, 0] if envs.dtype == torch.bool else envs.to(torch.int64)
-
-
-def _adopt_average(policy: ChunkedPolicy[Any, Any], incompatible: Any) -> None:
-    """Let a checkpoint and the policy that loads it differ in `use_ema`.
-
-    After weights without an average, one starts at them; an average that is not wanted is left behind.
-    """
-    without_average = [key for key in incompatible.missing_keys if not key.startswith("ema.")]
-    if policy.ema is not None and len(without_average) < len(incompatible.missing_keys):
-        policy.ema.restart(policy.model)
-    incompatible.missing_keys[:] = without_average
-    if policy.ema is None:
-        unexpected = [key for key in incompatible.unexpected_keys if not key.startswith("ema.")]
-        incompatible.unexpected_keys[:] = unexpected

@@ -20,6 +20,7 @@ class ExecutionFields:
     execution: Mode = "open_loop"
     replan_interval: int | None = None
     latency_steps: int = 0
+    background: bool = False
     temporal_ensemble_coeff: float | None = None
     ensemble_weighting: Weighting | None = None
     crossfade_steps: int | None = None

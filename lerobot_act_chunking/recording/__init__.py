@@ -11,6 +11,7 @@ from lerobot_act_chunking.recording.recorder import RecordingProgress, RecordRes
 from lerobot_act_chunking.recording.robotics import RoboticsSource
 from lerobot_act_chunking.recording.shares import ModeShares
 from lerobot_act_chunking.recording.simulated import SimulatedSource
+from lerobot_act_chunking.recording.so_arm import SoArmSource
 from lerobot_act_chunking.recording.spec import RecordSpec
 from lerobot_act_chunking.recording.summary import RecordedEpisode, RecordingSummary, read_summary
 from lerobot_act_chunking.recording.three_gates import ThreeGatesSource
@@ -28,6 +29,7 @@ __all__ = [
     "RecordingSummary",
     "RoboticsSource",
     "SimulatedSource",
+    "SoArmSource",
     "Target",
     "ThreeGatesSource",
     "read_summary",

@@ -9,12 +9,14 @@ from typing import Any
 from lerobot_act_chunking.envs.aloha.options import AlohaSimOptions
 from lerobot_act_chunking.envs.demonstration import ExpertOptions
 from lerobot_act_chunking.envs.robotics.options import RoboticsOptions
+from lerobot_act_chunking.envs.so_arm.options import SoArmOptions
 from lerobot_act_chunking.envs.three_gates.options import ThreeGatesOptions
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 from lerobot_act_chunking.number_checks import check_at_least
 from lerobot_act_chunking.recording.aloha import AlohaSource
 from lerobot_act_chunking.recording.robotics import RoboticsSource
 from lerobot_act_chunking.recording.simulated import SimulatedSource
+from lerobot_act_chunking.recording.so_arm import SoArmSource
 from lerobot_act_chunking.recording.three_gates import ThreeGatesSource
 
 _REPO_ID = re.compile(r"[A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*", re.ASCII)
@@ -27,13 +29,14 @@ class _Kind:
     source: type[SimulatedSource]
     options: type[Any]
     success: str
-    velocity: str
-    """The option by which velocities are observed."""
+    velocity: str | None
+    """The option by which velocities are observed; None where there is none."""
 
 
 _KINDS: Mapping[str, _Kind] = {
     "aloha_sim": _Kind(AlohaSource, AlohaSimOptions, success="hold", velocity="agent_vel"),
     "gymnasium_robotics": _Kind(RoboticsSource, RoboticsOptions, success="final", velocity="velocities"),
+    "so_arm_sim": _Kind(SoArmSource, SoArmOptions, success="released", velocity=None),
     "three_gates": _Kind(ThreeGatesSource, ThreeGatesOptions, success="outside", velocity="agent_vel"),
 }
 
@@ -45,19 +48,23 @@ class RecordSpec:
     Attributes:
         repo_id: the dataset's name, user/name.
         root: the dataset's folder; by default where LeRobot looks for ``repo_id``.
-        env: LeRobot's environment type, ``aloha_sim``, ``gymnasium_robotics`` or ``three_gates``.
-        task: of the environment; by default ``transfer_cube``, ``FetchReach-v4`` or ``three_gates``.
+        env: LeRobot's environment type, ``aloha_sim``, ``gymnasium_robotics``, ``so_arm_sim`` or
+            ``three_gates``.
+        task: of the environment; by default ``transfer_cube``, ``FetchReach-v4``, ``pick_place`` or
+            ``three_gates``.
         episodes: successful episodes to record.
         obs: ``state`` records vectors of the robot and its surroundings, ``pixels`` cameras, ``pixels_state``
             both cameras and the robot.
         velocity: whether to record velocities; by default ALOHA's are not, and gymnasium-robotics' are, being
-            part of the original observation.
-        cameras: cameras to record, by default ``top`` or ``view``; none with ``obs="state"``.
+            part of the original observation; the SO-101 has none.
+        cameras: cameras to record, by default ``top``, ``view`` or ``front,wrist``; none with
+            ``obs="state"``.
         image_height: of every camera [px], even.
         image_width: of every camera [px], even.
         render_quality: ``full`` looks like the original, ``fast`` leaves out what is slow without a GPU.
         success: the rule an episode must meet to be recorded: ALOHA's ``hold`` (default) or ``touch``;
-            gymnasium-robotics' ``final`` (default, the whole episode) or ``any`` (up to the first success).
+            gymnasium-robotics' ``final`` (default, the whole episode) or ``any`` (up to the first success);
+            the SO-101's ``released`` (default) or ``placed``.
         seed: of the first episode; the next ones count up.
         expert: how the expert moves.
         operators: people whose habits it takes on, in turn from seed to seed; none by default. They are in
@@ -129,5 +136,7 @@ class RecordSpec:
         if self.cameras:
             options["cameras"] = list(self.cameras)
         if self.velocity is not None:
+            if kind.velocity is None:
+                raise ConfigurationError(f"{self.env} observes no velocities; leave velocity out")
             options[kind.velocity] = self.velocity
         return options

@@ -48,15 +48,6 @@ def prefix_weights(
     return falling * falling.expm1() / torch.ones(()).expm1() if schedule == "exp" else falling
 
 
-def covered_steps(plan: Float[Tensor, "n P A"]) -> Bool[Tensor, "n P"]:
-    """The steps that are plan, not padding: those up to the last one with any value but zero.
-
-    LeRobot's engine fills up what is left of a chunk with zeros, and RTCProcessor guides towards them.
-    """
-    present = plan.ne(0).any(-1)
-    return present.flip(1).cummax(1).values.flip(1)
-
-
 def continued(
     denoise: Denoise,
     alphas: Float[Tensor, " n"],

@@ -12,6 +12,8 @@ import pytest
 import typer.main
 from lerobot.configs import PreTrainedConfig
 from lerobot.envs.configs import EnvConfig
+from lerobot.robots.config import RobotConfig
+from lerobot.teleoperators.config import TeleoperatorConfig
 from lerobot.utils.import_utils import register_third_party_plugins
 from packaging.requirements import Requirement
 
@@ -91,7 +93,15 @@ def test_lerobots_commands_exist():
     assert {match for _, command in named for match in LEROBOTS.findall(command)} - {"lerobot-hub"} <= scripts
 
 
-@pytest.mark.parametrize(("kind", "prefix"), [(PreTrainedConfig, "policy"), (EnvConfig, "env")])
+@pytest.mark.parametrize(
+    ("kind", "prefix"),
+    [
+        (PreTrainedConfig, "policy"),
+        (EnvConfig, "env"),
+        (RobotConfig, "robot"),
+        (TeleoperatorConfig, "teleop"),
+    ],
+)
 def test_settings_exist(kind, prefix):
     pattern = re.compile(rf"--{prefix}\.([a-z_][a-z_0-9]*)")
     named = {
@@ -100,7 +110,7 @@ def test_settings_exist(kind, prefix):
         for text in texts(path)
         for name in pattern.findall(text)
     }
-    assert len(named) > 20
+    assert len(named) > (20 if prefix in ("policy", "env") else 2)
     assert {
         (file, name)
         for file, name in named

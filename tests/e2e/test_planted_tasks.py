@@ -1,4 +1,4 @@
-"""The tasks with three ways in LeRobot's own commands: recorded, trained on, evaluated."""
+"""The tasks with several ways in LeRobot's own commands: recorded, trained on, evaluated."""
 
 import json
 import sys
@@ -19,8 +19,15 @@ SMALL = "--env.render_quality=fast --env.visualization_height=48 --env.visualiza
 @pytest.mark.parametrize(
     ("recorded", "environment"),
     [
-        ("--env three_gates", "--env.type=three_gates"),
-        ("--task transfer_modes", "--env.type=aloha_sim --env.task=transfer_modes --env.obs_type=state"),
+        ("--env three_gates --mode-shares 34,33,33", "--env.type=three_gates"),
+        (
+            "--env so_arm_sim --task two_ways --mode-shares 34,66",
+            "--env.type=so_arm_sim --env.task=two_ways",
+        ),
+        (
+            "--task transfer_modes --mode-shares 34,33,33",
+            "--env.type=aloha_sim --env.task=transfer_modes --env.obs_type=state",
+        ),
     ],
 )
 def test_recorded_trained_and_evaluated(recorded, environment, monkeypatch, tmp_path):
@@ -29,7 +36,7 @@ def test_recorded_trained_and_evaluated(recorded, environment, monkeypatch, tmp_
         command()
 
     data, trained, evaluated = tmp_path / "data", tmp_path / "run", tmp_path / "eval"
-    asked = f"record {recorded} --episodes 3 --mode-shares 34,33,33 --repo-id test/ways --root {data}"
+    asked = f"record {recorded} --episodes 3 --repo-id test/ways --root {data}"
     assert main(asked.split()) == 0
     dataset = f"--dataset.repo_id=test/ways --dataset.root={data} --batch_size=3 --num_workers=0"
     run(lerobot_train.main, TRAINED, dataset, f"--steps=2 --save_freq=2 --output_dir={trained}")

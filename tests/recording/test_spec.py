@@ -24,7 +24,8 @@ from lerobot_act_chunking.recording import RecordSpec
         ({"obs": "pixels", "velocity": True}, "agent_vel needs obs_type state or pixels_state"),
         ({"render_quality": "ultra"}, "unknown render_quality 'ultra'; choose one of: full, fast"),
         ({"success": "luck"}, "unknown success rule 'luck'; choose one of: touch, hold"),
-        ({"env": "lab"}, "unknown env 'lab'; choose one of: aloha_sim, gymnasium_robotics, three_gates"),
+        ({"env": "so_arm_sim", "velocity": True}, "so_arm_sim observes no velocities; leave velocity out"),
+        ({"env": "lab"}, "unknown env 'lab'; choose one of: aloha_sim, gymnasium_robotics, so_arm_sim"),
         ({"expert": ExpertOptions(speed=2.0)}, "expert option speed=2.0 is outside 0.7 .. 1.5 times the"),
         ({"episodes": 0}, "episodes=0 must be at least 1"),
         ({"workers": 0}, "workers=0 must be at least 1"),
@@ -76,12 +77,13 @@ def test_what_cannot_work_in_gymnasium_robotics_is_refused_at_once(options, mess
     [
         ("aloha_sim", "transfer_cube", "hold", "top"),
         ("gymnasium_robotics", "FetchReach-v4", "final", "view"),
+        ("so_arm_sim", "pick_place", "released", "front,wrist"),
         ("three_gates", "three_gates", "outside", "top"),
     ],
 )
 def test_every_world_has_its_own_defaults(env, task, success, camera):
     environment = RecordSpec("me/data", env=env, obs="pixels").source().environment
-    assert (environment.task, environment.success, environment.cameras) == (task, success, [camera])
+    assert (environment.task, environment.success, environment.cameras) == (task, success, camera.split(","))
 
 
 def test_the_environment_shows_what_is_recorded():

@@ -6,7 +6,6 @@ from torch import nn
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.sampling import continuation
 from lerobot_act_chunking.sampling.continuation import (
-    covered_steps,
     guidance_strengths,
     held,
     prefix_weights,
@@ -76,16 +75,6 @@ class TestPrefixWeights:
         monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # it would refuse it first
         with pytest.raises(ConfigurationError, match="prefix_attention_schedule 'LINEAR'; choose one of: li"):
             prefix_weights(2, 6, 10, "LINEAR")
-
-
-def test_padding_is_not_plan():
-    plan = torch.ones(2, 4, A)
-    plan[0, 1] = 0  # in the middle of a plan: an action like any other
-    plan[0, 2, 1:] = 0
-    plan[0, 3:] = 0
-    plan[1] = 0
-    assert covered_steps(plan).tolist() == [[True, True, True, False], [False] * 4]
-    assert covered_steps(plan[:, :0]).shape == (2, 0)
 
 
 class TestExact:

@@ -130,6 +130,8 @@ def roll_out(
         raise ConfigurationError(
             f"a rollout needs seeds and environments, got {len(seeds)} and n_envs={n_envs}"
         )
+    if getattr(policy.policy.config, "background", False):  # what comes of it would depend on the machine
+        policy.policy.config.background = False
     worlds = open_worlds(env_config, min(n_envs, len(seeds)), policy.policy.config)
     finished: list[Rollout] = []
     try:

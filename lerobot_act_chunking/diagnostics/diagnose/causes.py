@@ -124,15 +124,24 @@ def hardly_learned(own: Knowledge | None) -> Finding:
 def weak_training(own: Knowledge | None, other: Knowledge | None) -> Finding:
     """Whether the demonstrations of its training are badly known, or only these are well known.
 
-    The first tenth of a chunk counts: what comes later may follow from nothing that was observed.
+    The first tenth of a chunk counts: what comes later may follow from nothing that was observed. How well
+    demonstrations can be known differs: who rests for longer or shorter surprises everybody. So a policy is
+    only called badly trained if copying the nearest other demonstration would be better, too.
     """
     name = "under-training or too little data"
     if own is None:
         return Finding(name, None, "The demonstrations of the training are not here.")
     share = own.soon / own.mean_action
     told = f"On its own demonstrations it is at once off by {100 * share:.1f} % of the mean action's error"
+    if own.nearest is not None:
+        told += f", the nearest other demonstration by {100 * own.nearest / own.mean_action:.1f} %"
     if share > SHAKY:
-        return Finding(name, True, f"{told}.", "train for longer: lerobot-train --resume=true --steps=...")
+        if own.nearest is None:
+            return Finding(name, None, f"{told}. Whether that is much, images alone do not tell.")
+        if own.soon > own.nearest:
+            return Finding(
+                name, True, f"{told}.", "train for longer: lerobot-train --resume=true --steps=..."
+            )
     if other is not None and other.soon > OVERFITTED * own.soon and other.soon > SHAKY * other.mean_action:
         held = f"{told}, on others by {100 * other.soon / other.mean_action:.1f} %."
         return Finding(name, True, held, "record more demonstrations, or train a smaller network")

@@ -1,6 +1,6 @@
 """What demonstrations say of a policy: where they start, their statistics, and how well it knows them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from lerobot_act_chunking.diagnostics.core.training import read_training
 from lerobot_act_chunking.errors import DatasetError, FeatureError
 from lerobot_act_chunking.policies.loading import LoadedPolicy
 
+HARDLY_VARIES = 1e-2  # spread of an observation, in its own units, that tells no two of them apart
 OBSERVATIONS = 64
 """At which the policy is asked, spread over the episodes."""
 
@@ -59,6 +60,8 @@ class Knowledge:
         mean_action: the same of always doing the mean action.
         scatter: of two chunks that are drawn at the same observation, from each other; 0 without noise.
         disagreement: of a chunk and the next one, at the steps that both cover; None if they never overlap.
+        nearest: distance ``soon`` of who does what was done at the nearest observation of another
+            demonstration; None without vectors to tell which that is, or another demonstration.
     """
 
     error: float
@@ -66,6 +69,7 @@ class Knowledge:
     mean_action: float
     scatter: float
     disagreement: float | None
+    nearest: float | None = None
 
 
 def find_demonstrations(given: str | None, checkpoint: str, config: Any) -> Demonstrations | None:
@@ -155,7 +159,38 @@ def ask(policy: LoadedPolicy, demonstrations: Demonstrations, episodes: Sequence
         )
         if overlaps
         else None,
+        nearest=_copied(demonstrations, policy.policy.config, rows, size, early),
     )
+
+
+def _copied(
+    demonstrations: Demonstrations,
+    config: Any,
+    rows: np.ndarray,
+    size: Callable[[np.ndarray], float],
+    n_steps: int,
+) -> float | None:
+    """How far off the first ``n_steps`` actions are at the nearest observation of another demonstration."""
+    columns = demonstrations.dataset.hf_dataset.with_format("numpy")
+    index = np.asarray(columns["episode_index"][:])
+    keys = [key for key in config.input_features if key in demonstrations.starts]
+    if not keys or index[0] == index[-1]:
+        return None
+    seen = np.concatenate([np.stack(list(columns[key][:])).reshape(len(index), -1) for key in keys], axis=1)
+    seen = (seen - seen.mean(0)) / np.maximum(seen.std(0), HARDLY_VARIES)
+    actions = np.stack(list(columns[ACTION][:])).astype(np.float64)
+    differences = []
+    for row in rows:
+        distance = np.square(seen - seen[row]).sum(1)
+        nearest = int(np.where(index == index[row], np.inf, distance).argmin())
+        steps = range(min(n_steps, _left(index, row), _left(index, nearest)))
+        differences += [actions[nearest + step] - actions[row + step] for step in steps]
+    return size(np.stack(differences))
+
+
+def _left(index: np.ndarray, row: int) -> int:
+    """Rows of an episode from this one on."""
+    return int(np.searchsorted(index, index[row], side="right")) - int(row)
 
 
 def _chunks(

@@ -18,6 +18,8 @@ from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
 
 LATENCY = "latency_steps"
+RECENT = 0.1
+"""How fast older chunks lose their weight [1 / control step], where an average may remember for too long."""
 MORE_STEPS = 20
 """Denoising steps that are surely enough, or four times the present ones."""
 BLENDING = ("ensemble", "adaptive")
@@ -178,6 +180,9 @@ def _executions(present: ExecutionSettings, smoothing: int) -> Iterator[tuple[st
         yield "latency", "no latency", 1, {LATENCY: 0}
     if mode in BLENDING:
         yield "over-smoothing", "the newest chunk alone", 1, {"execution": "receding"}
+    if mode in ("ensemble", "adaptive") and present.weight_growth > -RECENT:
+        recent = {"ensemble_weighting": "recency", "temporal_ensemble_coeff": RECENT}
+        yield "over-smoothing", "new chunks weighing more", 1, recent
     if present.smoothing_steps > 1:
         yield "over-smoothing", "chunks as they are predicted", 1, {"smoothing_steps": None}
     elif smoothing > 1:

@@ -96,21 +96,30 @@ def _causes(measured: Measured, seen: Seen, certain: Sequence[Finding]) -> list[
     range_ = _finding(seen, "data range")
     if range_ is not None and seen.outside is not None:
         found.append((seen.outside.share, _seen(range_)))
-    weak = _finding(seen, "under-training or too little data")
+    weak, drawn = _finding(seen, "under-training or too little data"), measured.repetition
+    by_draw = drawn is not None and not found and drawn.rate >= (MOST_OF_THEM if weak else BY_CHANCE)
+    if by_draw and drawn is not None:
+        found.append((drawn.rate, _drawn(drawn, measured)))
     if weak is not None and all(share < MOST_OF_THEM for share, _ in found):
         found.append((MOST_OF_THEM, _seen(weak)))
-    if not found and (drawn := measured.repetition) is not None and drawn.rate >= BY_CHANCE:
-        found.append((drawn.rate, _drawn(drawn)))
     ordered = [cause for _, cause in sorted(found, key=lambda each: -each[0])]
     return ordered + [_shown(each) for each in (measured.ranking.further if measured.ranking else ())]
 
 
-def _drawn(repetition: SuccessRate) -> Cause:
+def _drawn(repetition: SuccessRate, measured: Measured) -> Cause:
+    """The draw decides; with the way of drawing that is no worse than drawing again, if there is one."""
     low, high = (100 * end for end in repetition.exact_interval)
+    told = (
+        f"what is drawn decides: with other noise and nothing changed {repetition.successes} of "
+        f"{repetition.episodes} failing episodes succeed ({low:.0f} to {high:.0f} %)."
+    )
+    effects = measured.ranking.effects if measured.ranking else ()
+    better = [each for each in effects if each.trial.hypothesis == "wrong mode" and each.net > 0]
+    if better:  # the most effective first
+        return Cause("wrong mode", f"{told} {_told(better[0])}", better[0].trial.repair, better[0])
     return Cause(
         "wrong mode",
-        f"what is drawn decides: with other noise and nothing changed {repetition.successes} of "
-        f"{repetition.episodes} failing episodes succeed ({low:.0f} to {high:.0f} %).",
+        told,
         "leave out demonstrations of the way that fails (act-chunking data), or train for longer",
     )
 

@@ -12,6 +12,7 @@ from lerobot_act_chunking.nn.latents.latent import Latent
 from lerobot_act_chunking.nn.latents.make import make_latent
 from lerobot_act_chunking.nn.layers import Activation, LayerSpec
 from lerobot_act_chunking.nn.observation import CameraTokens, ObservationEncoder, VectorTokens
+from lerobot_act_chunking.nn.prefix import PrefixEncoder
 from lerobot_act_chunking.nn.style_encoder import StyleEncoder, StyleInput
 from lerobot_act_chunking.nn.transformer import Decoder, Encoder
 from lerobot_act_chunking.nn.velocity import FiniteDifferences
@@ -47,6 +48,9 @@ def build_network(config: ActChunkedConfig, backbone_weights: str | None) -> Act
         head=make_action_head(
             config.head_spec, HeadSize(config.dim_model, action_dim, n_queries, config.actions_per_query)
         ),
+        prefix_encoder=PrefixEncoder(config.prefix_predictions, action_dim, config.dim_model)
+        if config.prefix_steps
+        else None,
     )
 
 

@@ -9,6 +9,7 @@ from lerobot_act_chunking.heads.make import check_head
 from lerobot_act_chunking.nn.latents.make import check_latent
 from lerobot_act_chunking.policies.field_checks import check_fields
 from lerobot_act_chunking.policies.multiples import check_divides, check_multiple
+from lerobot_act_chunking.policies.prefix import check_prefix
 
 if TYPE_CHECKING:
     from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
@@ -27,6 +28,7 @@ def check(config: "ActChunkedConfig") -> None:
     check_divides(config, "chunk_size", "actions_per_query")
     check_divides(config, "dim_model", "n_heads", also=4)
     check_multiple(config, "dim_model", 4, "positions are sines and cosines of rows and columns")
+    check_prefix(config)
     _check_history(config)
     _check_likelihood(config)
     if config.use_vae:

@@ -17,6 +17,7 @@ from lerobot_act_chunking.policies.act_chunked.checks import check
 from lerobot_act_chunking.policies.act_chunked.presets import FORMER_NAMES, PRESETS, preset_values
 from lerobot_act_chunking.policies.choices import one_of
 from lerobot_act_chunking.policies.chunked_config import PRESET, ChunkedConfig
+from lerobot_act_chunking.policies.prefix import prefix_predictions
 
 
 @PreTrainedConfig.register_subclass("act_chunked")
@@ -51,6 +52,9 @@ class ActChunkedConfig(ChunkedConfig):
             half of an episode.
         actions_per_query: consecutive actions that each decoder query emits; divides ``chunk_size``. 1 is
             ACT; more makes long chunks cheap. ``base`` takes what lasts ten control steps.
+        prefix_steps: train with up to so many given first actions [control steps], for a robot that moves
+            while the next chunk is computed: set the longest delay. Acting then continues what is executed
+            meanwhile (``latency_steps``, ``background`` or ``lerobot-rollout --inference.type=rtc``).
         decoder_type: ``parallel`` decodes all queries at once (ACT); ``autoregressive`` one after the other,
             each knowing the actions before it.
         teacher_noise_std: noise on the earlier actions that autoregressive training shows to the decoder
@@ -124,6 +128,7 @@ class ActChunkedConfig(ChunkedConfig):
 
     chunk_size: int = PRESET
     actions_per_query: int = PRESET
+    prefix_steps: int = 0
     decoder_type: Literal["parallel", "autoregressive"] = PRESET
     teacher_noise_std: float = 0.05
     teacher_dropout: float = 0.3
@@ -224,7 +229,13 @@ class ActChunkedConfig(ChunkedConfig):
             or self.decoder_type == "autoregressive"
             or self.history_dropout > 0
             or self.random_shift > 0
+            or self.prefix_steps > 0
         )
+
+    @property
+    def prefix_predictions(self) -> int:
+        """How many of a chunk's first predictions may be given."""
+        return prefix_predictions(self)
 
     @property
     def loss_name(self) -> str:

@@ -1,6 +1,7 @@
 """The `act_chunked` policy: ACT's wiring of the package's blocks into LeRobot's contract."""
 
 import math
+from collections.abc import Callable
 from typing import Any, Literal
 
 import torch
@@ -10,10 +11,12 @@ from torch import Tensor, nn
 
 from lerobot_act_chunking.data.batch import ActionTarget, Observation
 from lerobot_act_chunking.data.masking import hold_padding
+from lerobot_act_chunking.execution.plan import Plan
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.nn.augment import random_shift
 from lerobot_act_chunking.nn.autoregressive import corrupt
 from lerobot_act_chunking.nn.history_dropout import drop_history, history_dropout_mask
+from lerobot_act_chunking.nn.prefix import begun_with, draw_prefix
 from lerobot_act_chunking.policies.act_chunked.building import build_network
 from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
 from lerobot_act_chunking.policies.act_chunked.draws import ActingDraws, Draws
@@ -22,6 +25,7 @@ from lerobot_act_chunking.policies.act_chunked.vae_loss import VaeLoss
 from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.batch_seeds import BatchSeeds
 from lerobot_act_chunking.policies.chunked_policy import Batch, ChunkedPolicy
+from lerobot_act_chunking.policies.continuing import given_actions
 from lerobot_act_chunking.policies.finite_loss import require_finite_loss
 
 
@@ -105,17 +109,21 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
         target = ActionTarget.from_lerobot(batch, self.feature_spec, config.action_delta_indices)
         actions = hold_padding(target.actions, target.is_pad)
         window = self._training_window(batch, target)
-        decoder_inputs, mask = actions, None
+        decoder_inputs, mask, given, ignored = actions, None, None, target.is_pad
         if self.training and generator is not None:
             window = self._augmented(window, generator)
             if config.decoder_type == "autoregressive":
                 noise, dropout = config.teacher_noise_std, config.teacher_dropout
                 decoder_inputs, mask = corrupt(actions, config.actions_per_query, generator, noise, dropout)
+            if config.prefix_steps:
+                given, which = draw_prefix(actions, config.prefix_predictions, generator)
+                ignored = ignored | which
         state = window.vectors.get(OBS_STATE)
         return TrainingBatch(
-            observation=self._network.encode_observation(window),
+            observation=self._network.encode_observation(window, given),
             state=None if state is None else state[:, -1],
             target=ActionTarget(actions, target.is_pad),
+            ignored=ignored,
             decoder_inputs=decoder_inputs,
             decoder_input_mask=mask,
         )
@@ -141,6 +149,9 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
         batch: Batch,
         noise: Float[Tensor, "B L"] | None = None,
         draws: Float[Tensor, "B *S"] | None = None,
+        inference_delay: int | None = None,
+        prev_chunk_left_over: Float[Tensor, "*B P A"] | None = None,
+        execution_horizon: int | None = None,
         envs: Environments = None,
         **_: Any,
     ) -> Tensor:
@@ -154,13 +165,17 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
             noise: standard normal numbers (B, L) that the latent is made from; by default the environments'
                 generators draw them, if a latent is sampled.
             draws: uniform numbers by which the head samples actions, likewise.
+            inference_delay, prev_chunk_left_over, execution_horizon: see `ContinuesChunks`.
             envs: the environments that the rows of the batch are, if not 0, 1, ...
         """
         self.eval()
-        window = self._window_of(batch)
+        window = self._window_of(batch, alone=inference_delay is not None)
         drawn = self._draws.draw(window.batch_size, envs=envs, step=self._action_queue.n_steps).flat()
-        given = Draws(drawn.latent if noise is None else noise, drawn.actions if draws is None else draws)
-        return self._chunks(window, given, 1, self.config.timing.control_steps)[0]
+        chosen = Draws(drawn.latent if noise is None else noise, drawn.actions if draws is None else draws)
+        delay = inference_delay or 0
+        plan = self._left_over(prev_chunk_left_over, delay, execution_horizon)
+        chunk = self._chunks(window, chosen, 1, self.config.timing.control_steps, plan)[0]
+        return self._handed_over(chunk, prev_chunk_left_over, delay, execution_horizon)
 
     @acting
     def predict_samples(self, batch: Batch, n_samples: int) -> Float[Tensor, "N B K A"]:
@@ -175,23 +190,33 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
         drawn = self._draws.draw(window.batch_size, n_samples=n_samples, step=self._action_queue.n_steps)
         return self._chunks(window, drawn.flat(), n_samples, self.config.timing.control_steps)
 
-    def _predict(self, window: Observation, envs: Environments, n_steps: int) -> Tensor:
+    def _prepare(
+        self, window: Observation, envs: Environments, n_steps: int, delay: int
+    ) -> Callable[[], Tensor]:
         n_samples = self._action_queue.settings.n_samples
         drawn = self._draws.draw(
             window.batch_size, envs=envs, n_samples=n_samples or 1, step=self._action_queue.n_steps
         )
-        chunks = self._chunks(window, drawn.flat(), n_samples or 1, n_steps)
-        return chunks[0] if n_samples is None else chunks
+        plan = self._current_plan(envs, delay) if self.config.prefix_steps else None
+
+        def predict() -> Tensor:
+            chunks = self._chunks(window, drawn.flat(), n_samples or 1, n_steps, plan)
+            return chunks[0] if n_samples is None else chunks
+
+        return predict
 
     def _chunks(
-        self, window: Observation, draws: Draws, n_samples: int, n_steps: int
+        self, window: Observation, draws: Draws, n_samples: int, n_steps: int, plan: Plan | None = None
     ) -> Float[Tensor, "N n K A"]:
-        """The first ``n_steps`` of the chunks that these draws make."""
+        """The first ``n_steps`` of the chunks that these draws make, and that continue the plan."""
         config, network = self.config, self._network
         n_queries = math.ceil(config.timing.predictions_for(n_steps) / config.actions_per_query)
-        encoded = network.encode_observation(window).repeat(n_samples)
+        given = given_actions(plan, config.prefix_predictions)
+        encoded = network.encode_observation(window, given).repeat(n_samples)
         latent, actions = (None if each is None else each.to(encoded.tokens) for each in draws)
         predictions = network.act(encoded, network.prior(encoded, latent), actions, n_queries)
+        if given is not None:
+            predictions = begun_with(given.repeat(n_samples), predictions)
         return self._control_steps(predictions, n_steps).unflatten(0, (n_samples, -1))
 
     def _image_features(self, observation: Observation) -> dict[str, Tensor]:

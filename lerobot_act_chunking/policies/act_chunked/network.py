@@ -13,23 +13,30 @@ from lerobot_act_chunking.nn.autoregressive import AutoregressiveDecoder
 from lerobot_act_chunking.nn.latents.latent import Latent, Posterior
 from lerobot_act_chunking.nn.masking import PadNormalization
 from lerobot_act_chunking.nn.observation import ObservationEncoder
+from lerobot_act_chunking.nn.prefix import GivenActions, PrefixEncoder
 from lerobot_act_chunking.nn.style_encoder import StyleEncoder
 from lerobot_act_chunking.nn.transformer import Decoder, Encoder
 
 
 class EncodedObservation(NamedTuple):
-    """Observations as tokens (B, N, D), and the tokens' positions (N, D)."""
+    """What a chunk is predicted from.
+
+    Attributes:
+        tokens: observations (B, N, D).
+        positions: of the tokens (N, D).
+        prefix: the chunk's given first actions (B, D); None if it has to continue nothing.
+    """
 
     tokens: Tensor
     positions: Tensor
+    prefix: Tensor | None = None
 
     def repeat(self, n_samples: int) -> "EncodedObservation":
-        """The same observations ``n_samples`` times, one copy behind the other."""
-        return (
-            self
-            if n_samples == 1
-            else EncodedObservation(self.tokens.repeat(n_samples, 1, 1), self.positions)
-        )
+        """The same ``n_samples`` times, one copy behind the other."""
+        if n_samples == 1:
+            return self
+        prefix = None if self.prefix is None else self.prefix.repeat(n_samples, 1)
+        return EncodedObservation(self.tokens.repeat(n_samples, 1, 1), self.positions, prefix)
 
 
 @dataclass(frozen=True)
@@ -40,6 +47,7 @@ class TrainingBatch:
         observation: encoded observations.
         state: the current joint state (B, S), if there is one.
         target: the actions.
+        ignored: actions that the loss leaves out (B, T): padding, and what is given.
         decoder_inputs: actions that an autoregressive decoder gets as inputs (B, T, A).
         decoder_input_mask: queries whose actions it gets (B, Q); None for all.
     """
@@ -47,6 +55,7 @@ class TrainingBatch:
     observation: EncodedObservation
     state: Float[Tensor, "B S"] | None
     target: ActionTarget
+    ignored: Bool[Tensor, "B T"]
     decoder_inputs: Float[Tensor, "B T A"]
     decoder_input_mask: Bool[Tensor, "B Q"] | None
 
@@ -54,7 +63,7 @@ class TrainingBatch:
 class ActNetwork(nn.Module):
     """An encoder over one style token and all observation tokens, a decoder from action queries to actions.
 
-    The style token is a learned vector; with a latent, its embedding is added to it.
+    The style token is a learned vector; a latent's embedding and that of given first actions are added to it.
     """
 
     def __init__(
@@ -66,6 +75,7 @@ class ActNetwork(nn.Module):
         encoder: Encoder,
         decoder: Decoder | AutoregressiveDecoder,
         head: ActionHead,
+        prefix_encoder: PrefixEncoder | None,
         dim: int,
     ):
         super().__init__()
@@ -77,10 +87,15 @@ class ActNetwork(nn.Module):
         self.encoder = encoder
         self.decoder = decoder
         self.head = head
+        self.prefix_encoder = prefix_encoder
 
-    def encode_observation(self, window: Observation) -> EncodedObservation:
-        """Tokens of observations (B, H, ...)."""
-        return EncodedObservation(*self.observation_encoder(window.vectors, window.images))
+    def encode_observation(
+        self, window: Observation, given: GivenActions | None = None
+    ) -> EncodedObservation:
+        """Tokens of observations (B, H, ...), and the first actions that the chunk has to continue."""
+        prefix = None if given is None or self.prefix_encoder is None else self.prefix_encoder(given)
+        tokens, positions = self.observation_encoder(window.vectors, window.images)
+        return EncodedObservation(tokens, positions, prefix)
 
     def posterior(self, batch: TrainingBatch, noise: Float[Tensor, "B n"]) -> Posterior:
         """The style that the demonstrated actions show. Only with a latent."""
@@ -105,7 +120,7 @@ class ActNetwork(nn.Module):
             features = self.decoder(memory, positions, batch.decoder_inputs, batch.decoder_input_mask)
         else:
             features = self.decoder(memory, positions)
-        return self.head.loss(features, batch.target.actions, batch.target.is_pad, normalization)
+        return self.head.loss(features, batch.target.actions, batch.ignored, normalization)
 
     def act(
         self,
@@ -135,6 +150,8 @@ class ActNetwork(nn.Module):
         style = self.style_token.expand(len(observation.tokens), -1)
         if latent is not None and self.style_encoder is not None:
             style = style + self.style_encoder.embed(latent)
+        if observation.prefix is not None:
+            style = style + observation.prefix
         tokens = torch.cat((style[:, None], observation.tokens), dim=1)
         positions = torch.cat((self.style_position, observation.positions))
         return self.encoder(tokens, positions), positions

@@ -8,12 +8,12 @@ from lerobot.configs import RTCAttentionSchedule
 from torch import Tensor
 
 from lerobot_act_chunking.data.batch import Observation
+from lerobot_act_chunking.execution.plan import Plan
 from lerobot_act_chunking.nn.denoisers.denoiser import Context
 from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked import (
     DiffusionChunkedConfig,
 )
 from lerobot_act_chunking.policies.diffusion_chunked.network import DiffusionNetwork
-from lerobot_act_chunking.policies.diffusion_chunked.plan import Plan
 from lerobot_act_chunking.sampling.continuation import (
     Jacobian,
     PrefixSchedule,

@@ -1,15 +1,16 @@
 """The `diffusion_chunked` policy: denoising in LeRobot's contract."""
 
+from collections.abc import Callable
 from typing import Any, Literal
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from lerobot_act_chunking.compat import check_rtc_mode
 from lerobot_act_chunking.data.batch import ActionTarget, Observation
 from lerobot_act_chunking.data.masking import hold_padding, per_sample_error
-from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.execution.plan import Plan
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.nn.denoisers.make import DENOISERS
 from lerobot_act_chunking.policies.acting import acting
@@ -19,11 +20,9 @@ from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chu
 )
 from lerobot_act_chunking.policies.diffusion_chunked.denoising import Denoising, Guidance
 from lerobot_act_chunking.policies.diffusion_chunked.network import DiffusionNetwork, build_network
-from lerobot_act_chunking.policies.diffusion_chunked.plan import Plan
 from lerobot_act_chunking.policies.diffusion_chunked.samplers import ConfiguredSamplers, make_process
 from lerobot_act_chunking.policies.diffusion_chunked.training_noise import Draws, TrainingNoise
 from lerobot_act_chunking.policies.finite_loss import require_finite_loss
-from lerobot_act_chunking.sampling.continuation import covered_steps
 from lerobot_act_chunking.sampling.noise import NoiseHold, NoiseSource
 from lerobot_act_chunking.sampling.samplers import Sampler
 
@@ -116,17 +115,26 @@ class DiffusionChunkedPolicy(ChunkedPolicy[DiffusionChunkedConfig, DiffusionNetw
             inference_delay: control steps that computing the chunk will take (real-time chunking).
             prev_chunk_left_over: what is left of the chunk in execution, normalised, from the current step
                 on; zeros behind its end do not count. The new chunk continues it: as trained with
-                ``warm_start=prefix``, else by guidance.
+                ``warm_start=prefix``, else by guidance; with ``objective=two_step`` as ``execution`` says.
             execution_horizon: control steps of the left-over to continue; all by default.
             envs: the environments that the rows of the batch are, if not 0, 1, ...: whose noise they get.
         """
         self.eval()
         alone = inference_delay is not None  # the engine shows observations from time to time, not every step
         window = self._window_of(batch, alone=alone)
-        plan = self._left_over(prev_chunk_left_over, inference_delay or 0, execution_horizon)
-        start = "prefix" if self.config.warm_start == "prefix" else "rtc"
+        delay, left_over = inference_delay or 0, (prev_chunk_left_over, execution_horizon)
+        plan = self._left_over(left_over[0], delay, left_over[1])
+        start = self._continuation
         keyframes = self._sample(window, envs, 1, noise=noise, plan=plan, start=start)[0]
-        return self._control_steps(keyframes, self.config.timing.control_steps)
+        chunk = self._control_steps(keyframes, self.config.timing.control_steps)
+        return chunk if start != "none" else self._handed_over(chunk, left_over[0], delay, left_over[1])
+
+    @property
+    def _continuation(self) -> Literal["prefix", "rtc", "none"]:
+        """How sampling continues a chunk in real time; regression from noise has nothing to guide."""
+        if self.config.warm_start == "prefix":
+            return "prefix"
+        return "none" if self.config.objective == "two_step" else "rtc"
 
     @acting
     def predict_samples(
@@ -158,33 +166,20 @@ class DiffusionChunkedPolicy(ChunkedPolicy[DiffusionChunkedConfig, DiffusionNetw
         chunks = self._control_steps(keyframes.flatten(0, 1), self.config.timing.control_steps)
         return chunks.unflatten(0, keyframes.shape[:2])
 
-    def _predict(self, window: Observation, envs: Environments, n_steps: int) -> Tensor:
+    def _prepare(
+        self, window: Observation, envs: Environments, n_steps: int, delay: int
+    ) -> Callable[[], Tensor]:
         settings, start = self._action_queue.settings, self.config.warm_start
         n_samples = settings.n_samples or 1
         noise = self._held(envs, window.batch_size) if start == "noise_hold" else None
-        plan = self._current_plan(envs) if start in ("sdedit", "rtc", "prefix") else None
-        keyframes = self._sample(window, envs, n_samples, noise=noise, plan=plan, start=start)
-        chunks = self._control_steps(keyframes.flatten(0, 1), n_steps)
-        return chunks if settings.n_samples is None else chunks.unflatten(0, (n_samples, -1))
+        plan = self._current_plan(envs, delay) if start in ("sdedit", "rtc", "prefix") else None
 
-    def _current_plan(self, envs: Environments) -> Plan | None:
-        steps, covered = self._action_queue.plan(envs)
-        delay = self._action_queue.settings.latency_steps
-        return self._plan(steps, covered, delay) if steps.numel() else None
+        def predict() -> Tensor:
+            keyframes = self._sample(window, envs, n_samples, noise=noise, plan=plan, start=start)
+            chunks = self._control_steps(keyframes.flatten(0, 1), n_steps)
+            return chunks if settings.n_samples is None else chunks.unflatten(0, (n_samples, -1))
 
-    def _left_over(self, steps: Tensor | None, delay: int, execution_horizon: int | None) -> Plan | None:
-        rtc = self.config.rtc_config
-        if steps is None or not steps.numel() or (rtc is not None and not rtc.enabled):
-            return None
-        if self.config.timing.past_steps:
-            raise ConfigurationError("a chunk is continued from the current step on: set align=current")
-        steps = (steps if steps.ndim == 3 else steps[None])[:, :execution_horizon]
-        return self._plan(steps, covered_steps(steps), delay)
-
-    def _plan(self, steps: Float[Tensor, "n P A"], covered: Bool[Tensor, "r P"], delay: int) -> Plan | None:
-        return Plan.from_steps(
-            steps, covered, horizon=self.config.horizon, chunk_stride=self.config.chunk_stride, delay=delay
-        )
+        return predict
 
     def _sample(
         self,
@@ -237,12 +232,6 @@ class DiffusionChunkedPolicy(ChunkedPolicy[DiffusionChunkedConfig, DiffusionNetw
         else:
             self._noise.reset(envs)
             self._held_noise.reset(envs)
-
-    def supports_rtc(self) -> bool:
-        """Real-time chunking works: `predict_action_chunk` continues the chunk in execution."""
-        config = self.config
-        by_guidance = config.objective != "two_step"  # whose first pass has nothing to guide
-        return config.timing.past_steps == 0 and (by_guidance or config.warm_start == "prefix")
 
     def init_rtc_processor(self) -> None:
         """Refuse a mode that was not learned; LeRobot calls this when it has set ``rtc_config``."""

@@ -11,12 +11,13 @@ from torch import Tensor
 
 from lerobot_act_chunking import compat
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.execution.executor import ChunkExecutor
+from lerobot_act_chunking.execution.background import make_executor
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.heads.action_head import at_least_single
 from lerobot_act_chunking.policies import late_chunks
 from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.chunked_policy import ChunkedPolicy, indices
+from lerobot_act_chunking.policies.continuing import continue_chunk, to_continue
 from lerobot_act_chunking.policies.model_card import WithModelCard
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
     TemporalEnsembleConfig,
@@ -25,7 +26,7 @@ from lerobot_act_chunking.policies.temporal_ensemble.inner import check_download
 from lerobot_act_chunking.policies.temporal_ensemble.observations import Batch, InnerObservations, private
 from lerobot_act_chunking.policies.temporal_ensemble.short_episodes import limit_execution
 
-RTC_ARGUMENTS = ("inference_delay", "prev_chunk_left_over")
+RTC_ARGUMENTS = ("inference_delay", "prev_chunk_left_over", "execution_horizon")
 
 
 class TemporalEnsemblePolicy(WithModelCard, PreTrainedPolicy):
@@ -101,26 +102,34 @@ class TemporalEnsemblePolicy(WithModelCard, PreTrainedPolicy):
 
         Args:
             batch: observations.
-            kwargs: for the inner policy. ``inference_delay`` and ``prev_chunk_left_over`` (real-time
-                chunking) are passed on if it knows them.
+            kwargs: for the inner policy. ``inference_delay``, ``prev_chunk_left_over`` and
+                ``execution_horizon`` (real-time chunking) are passed on to one that continues chunks; of
+                another one, the chunk goes over from what is left as ``execution`` says.
         """
         if not self._observations.has_own_history(batch):
             self._observations.observe(batch)
-        if not self._takes_rtc_arguments:
-            kwargs = {name: value for name, value in kwargs.items() if name not in RTC_ARGUMENTS}
-        return self._predict(batch, None, **kwargs)
+        if self._inner_continues:
+            return self._predictor(batch, None, **kwargs)()
+        asked = {name: kwargs.pop(name, None) for name in RTC_ARGUMENTS}
+        chunk = self._predictor(batch, None, **kwargs)()
+        steps = to_continue(self.config, asked["prev_chunk_left_over"], asked["execution_horizon"])
+        return continue_chunk(chunk, steps, asked["inference_delay"] or 0, self._action_queue.settings)
 
     @acting
     def select_action(self, batch: Batch, **_: Any) -> Tensor:
         """The normalised action (B, A) of this control step. Call `reset` at the start of each rollout."""
         self._observations.observe(batch)
         batch_size = self._observations.batch_size(batch)
-        return self._action_queue.step(lambda envs: self._sample(batch, envs), batch_size)
+        return self._action_queue.advance(lambda envs, _: self._prepare(batch, envs), batch_size)
 
-    def _sample(self, batch: Batch, envs: Environments) -> Tensor:
-        """The chunks (n, T, A) that execution asks for; several of each, (N, n, T, A), to choose from."""
+    def _prepare(self, batch: Batch, envs: Environments) -> Callable[[], Tensor]:
+        """What computes the chunks that execution asks for, perhaps while actions are executed."""
         n_samples = self._action_queue.settings.n_samples
-        chunks = self._predict(batch, envs, n_samples or 1)
+        predict = self._predictor(batch, envs, n_samples or 1)
+        return lambda: self._checked(predict(), n_samples)
+
+    def _checked(self, chunks: Tensor, n_samples: int | None) -> Tensor:
+        """The chunks (n, T, A); several of each, (N, n, T, A), to choose from."""
         needed = self._action_queue.settings.n_action_steps
         if chunks.shape[1] < needed:
             raise ConfigurationError(
@@ -129,13 +138,16 @@ class TemporalEnsemblePolicy(WithModelCard, PreTrainedPolicy):
             )
         return chunks if n_samples is None else chunks.unflatten(0, (n_samples, -1))
 
-    def _predict(self, batch: Batch, envs: Environments, n_samples: int = 1, **kwargs: Any) -> Tensor:
+    def _predictor(
+        self, batch: Batch, envs: Environments, n_samples: int = 1, **kwargs: Any
+    ) -> Callable[[], Tensor]:
+        """What computes chunks from the observations of now."""
         if self.training:
             self.eval()
         if envs is not None and isinstance(self.inner, ChunkedPolicy):
             kwargs["envs"] = envs.repeat(n_samples)
         observations = self._observations.for_prediction(batch, envs, n_samples)
-        return at_least_single(_chunk(self.inner, observations, **kwargs))
+        return lambda: at_least_single(_chunk(self.inner, observations, **kwargs))
 
     def reset(
         self, envs: Sequence[int] | Tensor | None = None, *, episode_seeds: Sequence[int] | None = None
@@ -149,8 +161,10 @@ class TemporalEnsemblePolicy(WithModelCard, PreTrainedPolicy):
         """
         if envs is None:
             self._observations.reset()
+            if hasattr(self, "_action_queue"):
+                self._action_queue.reset()  # waits for a chunk that is being computed
             # LeRobot and its tools look for a queue under this name to learn when the next inference is due.
-            self._action_queue = ChunkExecutor(self.config.execution_settings)
+            self._action_queue = make_executor(self.config.execution_settings)
         else:
             envs = indices(envs)
             self._observations.reset(envs)
@@ -161,14 +175,16 @@ class TemporalEnsemblePolicy(WithModelCard, PreTrainedPolicy):
             self.inner.reset()
 
     @property
-    def _takes_rtc_arguments(self) -> bool:
+    def _inner_continues(self) -> bool:
+        """Whether the inner policy continues a chunk that is being executed by itself."""
         parameters = _parameters(self.inner.predict_action_chunk)
         takes_any = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
-        return takes_any or all(name in parameters for name in RTC_ARGUMENTS)
+        takes = takes_any or all(name in parameters for name in RTC_ARGUMENTS[:2])
+        return takes and self.inner.supports_rtc()
 
     def supports_rtc(self) -> bool:
-        """Whether the inner policy continues a chunk that is being executed (real-time chunking)."""
-        return self.inner.supports_rtc() and self._takes_rtc_arguments
+        """Chunks continue those that are being executed (real-time chunking), whatever the inner policy."""
+        return True
 
     def init_rtc_processor(self) -> None:
         """Hand the settings of real-time chunking, which LeRobot left in our configuration, to the inner."""

@@ -7,6 +7,7 @@ from lerobot.configs import NormalizationMode
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.policies.field_checks import check_fields
 from lerobot_act_chunking.policies.multiples import check_divides
+from lerobot_act_chunking.policies.prefix import check_prefix
 from lerobot_act_chunking.tokenizers.make import TOKENIZERS, check_tokenizer
 from lerobot_act_chunking.tokenizers.spec import TokenizerSpec
 
@@ -27,6 +28,7 @@ def check(config: "VqbetChunkedConfig") -> None:
     check_fields(config)
     config.check_backbone()
     check_divides(config, "gpt_hidden_dim", "gpt_n_head")
+    check_prefix(config)
     _check_queries(config)
     _check_tokenizer(config)
     _check_offsets(config)

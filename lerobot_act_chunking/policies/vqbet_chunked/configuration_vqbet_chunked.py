@@ -42,6 +42,9 @@ class VqbetChunkedConfig(ChunkedConfig):
         chunk_size: predicted actions per chunk, ``chunk_stride`` control steps apart (LeRobot's
             ``action_chunk_size``). Where it is not given, training fits it to the dataset: two seconds at 50
             control steps a second and less, and at most half of an episode.
+        prefix_steps: train with up to so many given first actions [control steps], for a robot that moves
+            while the next chunk is computed: set the longest delay. Acting then continues what is executed
+            meanwhile (``latency_steps``, ``background`` or ``lerobot-rollout --inference.type=rtc``).
         n_action_pred_token: chunks predicted in training from the current step on, each one control step
             later. Only the first one acts; the others, and those of earlier observations, train the network.
         tokenizer: what turns chunks into codes: ``residual_vq`` (VQ-BeT), ``fsq`` (finite scalar
@@ -97,6 +100,7 @@ class VqbetChunkedConfig(ChunkedConfig):
 
     n_obs_steps: int = PRESET
     chunk_size: int = PRESET
+    prefix_steps: int = 0
     n_action_pred_token: int = PRESET
     execution: Mode = PRESET
 

@@ -2,6 +2,7 @@
 
 import logging
 import math
+from collections.abc import Callable
 from typing import Any, Literal
 
 import torch
@@ -10,11 +11,15 @@ from torch import Tensor, nn
 
 from lerobot_act_chunking.data.batch import ACTION, ActionTarget, Observation
 from lerobot_act_chunking.data.masking import hold_padding, per_sample_error
+from lerobot_act_chunking.execution.plan import Plan
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.heads.codes import focal_loss
+from lerobot_act_chunking.nn.prefix import begun_with, draw_prefix
 from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.chunked_policy import Batch, ChunkedPolicy
+from lerobot_act_chunking.policies.continuing import given_actions
 from lerobot_act_chunking.policies.finite_loss import require_finite_actions, require_finite_loss
+from lerobot_act_chunking.policies.prefix import prefix_predictions
 from lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked import VqbetChunkedConfig
 from lerobot_act_chunking.policies.vqbet_chunked.network import VqbetNetwork, build_network
 from lerobot_act_chunking.policies.vqbet_chunked.tokenizer_file import load_for
@@ -146,14 +151,20 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
         config, network = self.config, self._network
         samples_and_queries = chunks.shape[:2]
         codes = self.tokenizer.encode(chunks.flatten(0, 1))
-        features = network(window, config.n_action_pred_token - 1).flatten(0, 1)
+        given, ignored = None, is_pad
+        if self.training and config.prefix_steps:
+            current, generator = config.n_obs_steps - 1, self.tokenizer_phase.next_generator(chunks.device)
+            given, which = draw_prefix(chunks[:, current], prefix_predictions(config), generator)
+            ignored = is_pad.clone()
+            ignored[:, current] |= which
+        features = network(window, config.n_action_pred_token - 1, given).flatten(0, 1)
         logits = network.code_head.logits(features, codes)
         of_codes = (focal_loss(logits, codes, config.focal_gamma) * self._code_weights(codes)).sum(-1)
         acted = codes if config.offset_target == "gt_code" else self._sample_codes(features)
         actions = network.actions(features, acted, self.tokenizer).unflatten(0, samples_and_queries)
         of_codes = _weighted(of_codes.unflatten(0, samples_and_queries), 1 - is_pad.float().mean(-1))
         error = (actions - chunks).abs().flatten(1, 2)
-        of_offsets = per_sample_error(error, is_pad.flatten(1, 2), "valid")
+        of_offsets = per_sample_error(error, ignored.flatten(1, 2), "valid")
         right = (logits.argmax(-1) == codes)[:, 0].float().mean()
         terms = {"code_loss": of_codes.mean(), "offset_loss": of_offsets.mean(), "code_accuracy": right}
         metrics = dict(zip(terms, torch.stack(list(terms.values())).tolist(), strict=True))
@@ -187,6 +198,9 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
         self,
         batch: Batch,
         noise: Float[Tensor, "B G"] | None = None,
+        inference_delay: int | None = None,
+        prev_chunk_left_over: Float[Tensor, "*B P A"] | None = None,
+        execution_horizon: int | None = None,
         envs: Environments = None,
         **_: Any,
     ) -> Tensor:
@@ -199,11 +213,15 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
             batch: observations.
             noise: uniform numbers (B, G) that pick the codes; by default the environments' generators draw
                 them.
+            inference_delay, prev_chunk_left_over, execution_horizon: see `ContinuesChunks`.
             envs: the environments that the rows of the batch are, if not 0, 1, ...: whose numbers they get.
         """
         self.eval()
-        noise = None if noise is None else noise[None]
-        return self._chunks(self._window_of(batch), envs, 1, self.config.timing.control_steps, noise)[0]
+        window, delay = self._window_of(batch, alone=inference_delay is not None), inference_delay or 0
+        draws = self._draws.draw(window.batch_size, envs=envs) if noise is None else noise[None]
+        plan = self._left_over(prev_chunk_left_over, delay, execution_horizon)
+        chunk = self._chunks(window, draws, self.config.timing.control_steps, plan)[0]
+        return self._handed_over(chunk, prev_chunk_left_over, delay, execution_horizon)
 
     @acting
     def predict_samples(
@@ -217,32 +235,39 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
             noise: uniform numbers that pick the codes; by default the environments' generators draw them.
         """
         self.eval()
-        return self._chunks(self._window_of(batch), None, n_samples, self.config.timing.control_steps, noise)
+        window = self._window_of(batch)
+        draws = self._draws.draw(window.batch_size, n_samples=n_samples) if noise is None else noise
+        return self._chunks(window, draws, self.config.timing.control_steps)
 
-    def _predict(self, window: Observation, envs: Environments, n_steps: int) -> Tensor:
+    def _prepare(
+        self, window: Observation, envs: Environments, n_steps: int, delay: int
+    ) -> Callable[[], Tensor]:
         n_samples = self._action_queue.settings.n_samples
-        chunks = self._chunks(window, envs, n_samples or 1, n_steps)
-        return chunks[0] if n_samples is None else chunks
+        draws = self._draws.draw(window.batch_size, envs=envs, n_samples=n_samples or 1)
+        plan = self._current_plan(envs, delay) if self.config.prefix_steps else None
+
+        def predict() -> Tensor:
+            chunks = self._chunks(window, draws, n_steps, plan)
+            return chunks[0] if n_samples is None else chunks
+
+        return predict
 
     def _chunks(
-        self,
-        window: Observation,
-        envs: Environments,
-        n_samples: int,
-        n_steps: int,
-        noise: Float[Tensor, "N n G"] | None = None,
+        self, window: Observation, draws: Float[Tensor, "N n G"], n_steps: int, plan: Plan | None = None
     ) -> Float[Tensor, "N n K A"]:
-        """The first ``n_steps`` of sampled chunks."""
+        """The first ``n_steps`` of the chunks that these draws pick, and that continue the plan."""
         if self.tokenizer_phase.comes_first:
             logger.warning(
                 "the tokenizer has not learned yet (training step %d)", self.tokenizer_phase.n_learned
             )
-        n_envs = window.batch_size
-        draws = self._draws.draw(n_envs, envs=envs, n_samples=n_samples) if noise is None else noise
-        features = self._network.current(window).repeat(n_samples, 1)
+        n_samples = len(draws)
+        given = given_actions(plan, prefix_predictions(self.config))
+        features = self._network.current(window, given).repeat(n_samples, 1)
         codes = self._pick(features, draws.flatten(0, 1).to(features))
         predictions = self._network.actions(features, codes, self.tokenizer)
-        return self._control_steps(predictions, n_steps).unflatten(0, (n_samples, n_envs))
+        if given is not None:
+            predictions = begun_with(given.repeat(n_samples), predictions)
+        return self._control_steps(predictions, n_steps).unflatten(0, (n_samples, window.batch_size))
 
     def _image_features(self, observation: Observation) -> dict[str, Tensor]:
         features = self._network.history.image_features(observation.as_window().images)

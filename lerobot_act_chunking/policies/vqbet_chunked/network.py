@@ -10,7 +10,9 @@ from lerobot_act_chunking.heads.offsets import ConditionedOffset, TableOffset
 from lerobot_act_chunking.nn.condition import CameraKeypoints
 from lerobot_act_chunking.nn.gpt import Gpt
 from lerobot_act_chunking.nn.history import HistoryTokens
+from lerobot_act_chunking.nn.prefix import GivenActions, PrefixEncoder
 from lerobot_act_chunking.nn.vision import make_backbone
+from lerobot_act_chunking.policies.prefix import prefix_predictions
 from lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked import VqbetChunkedConfig
 from lerobot_act_chunking.tokenizers.tokenizer import ActionTokenizer
 
@@ -20,7 +22,8 @@ class VqbetNetwork(nn.Module):
 
     The sequence is ``o_1 q o_2 q ... o_H q q q``: a query sees the observations up to its step. All queries
     are the same learned vector and differ by their positions. Where queries stand follows from the tokens
-    that there are (LeRobot counts features instead and reads the wrong tokens if there is a third one).
+    that there are (LeRobot counts features instead and reads the wrong tokens if there is a third one). Given
+    first actions are added to the current step's query.
     """
 
     def __init__(
@@ -30,6 +33,7 @@ class VqbetNetwork(nn.Module):
         gpt: Gpt,
         code_head: CodeHead,
         offset_head: ConditionedOffset | TableOffset,
+        prefix_encoder: PrefixEncoder | None,
     ):
         super().__init__()
         self.history = history
@@ -37,24 +41,31 @@ class VqbetNetwork(nn.Module):
         self.query = nn.Parameter(torch.randn(gpt.dim))
         self.code_head = code_head
         self.offset_head = offset_head
+        self.prefix_encoder = prefix_encoder
 
-    def forward(self, window: Observation, n_future: int) -> Float[Tensor, "B Q D"]:
+    def forward(
+        self, window: Observation, n_future: int, given: GivenActions | None = None
+    ) -> Float[Tensor, "B Q D"]:
         """Features of the queries of all observations and of ``n_future`` more."""
-        steps = self._steps(window)
+        steps = self._steps(window, given)
         n_steps, n_tokens = steps.shape[1:3]
         future = self.query.expand(len(steps), n_future, -1)
         features = self.gpt(torch.cat((steps.flatten(1, 2), future), dim=1))
         past = features[:, : n_steps * n_tokens].unflatten(1, (n_steps, n_tokens))[:, :, -1]
         return torch.cat((past, features[:, n_steps * n_tokens :]), dim=1)
 
-    def current(self, window: Observation) -> Float[Tensor, "B D"]:
+    def current(self, window: Observation, given: GivenActions | None = None) -> Float[Tensor, "B D"]:
         """Features of the current step's query alone, as for acting."""
-        return self.gpt(self._steps(window).flatten(1, 2), n_last=1)[:, 0]
+        return self.gpt(self._steps(window, given).flatten(1, 2), n_last=1)[:, 0]
 
-    def _steps(self, window: Observation) -> Float[Tensor, "B H n D"]:
+    def _steps(self, window: Observation, given: GivenActions | None) -> Float[Tensor, "B H n D"]:
         """Tokens of each step with its query behind them."""
         tokens = self.history(window.vectors, window.images)
-        return torch.cat((tokens, self.query.expand(*tokens.shape[:2], 1, -1)), dim=2)
+        queries = self.query.expand(*tokens.shape[:2], 1, -1)
+        if given is not None and self.prefix_encoder is not None:
+            continuing = queries[:, -1:] + self.prefix_encoder(given)[:, None, None]
+            queries = torch.cat((queries[:, :-1], continuing), dim=1)
+        return torch.cat((tokens, queries), dim=2)
 
     def actions(
         self, features: Float[Tensor, "N D"], codes: Int64[Tensor, "N G"], tokenizer: ActionTokenizer
@@ -88,6 +99,9 @@ def build_network(
         offset_head=ConditionedOffset(dim, hidden, *chunk)
         if config.offset_mode == "code_conditioned"
         else TableOffset(dim, hidden, *codes, *chunk),
+        prefix_encoder=PrefixEncoder(prefix_predictions(config), action_dim, dim)
+        if config.prefix_steps
+        else None,
     )
 
 

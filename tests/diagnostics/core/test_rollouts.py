@@ -138,6 +138,15 @@ def test_instruments_are_removed_and_the_next_rollout_is_the_same():
         assert len(one.inferences) == len(other.inferences) == 12
 
 
+def test_no_chunk_is_computed_in_the_background():
+    settings = {"execution": "receding", "replan_interval": 2}
+    waits, one = (
+        roll_out(make_policy(**settings, **more), short(), SEEDS) for more in ({}, {"background": True})
+    )
+    for expected, rollout in zip(waits, one, strict=True):
+        np.testing.assert_array_equal(rollout.commands, expected.commands)
+
+
 def test_a_success_ends_its_episode_and_leaves_the_others_alone(monkeypatch):
     """The environment of one seed succeeds at step 7; its batch goes on at the same size."""
     from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv

@@ -49,8 +49,8 @@ def test_observations_far_from_the_statistics():
     assert not causes.other_statistics([], {}).found
 
 
-def knows(soon, scatter=0.0, disagreement=None):
-    return Knowledge(0.1, soon, 0.8, scatter, disagreement)
+def knows(soon, scatter=0.0, disagreement=None, nearest=0.05):
+    return Knowledge(0.1, soon, 0.8, scatter, disagreement, nearest)
 
 
 def test_who_has_hardly_learned():
@@ -66,6 +66,14 @@ def test_training_that_was_too_short_or_on_too_little():
     assert causes.weak_training(shaky, None).found
     assert not causes.weak_training(good, good).found
     assert "more demonstrations" in causes.weak_training(good, shaky).repair
+
+
+def test_demonstrations_that_nobody_knows_well_do_not_blame_the_training():
+    """Who rests for longer or shorter surprises whoever copies the nearest demonstration even more."""
+    finding = causes.weak_training(knows(0.2, nearest=0.5), None)
+    assert not finding.found
+    assert "25.0 % of the mean action's error, the nearest other demonstration by 62.5 %" in finding.evidence
+    assert causes.weak_training(knows(0.2, nearest=None), None).found is None
     assert causes.weak_training(None, None).found is None
 
 

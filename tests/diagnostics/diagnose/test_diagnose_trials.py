@@ -58,10 +58,19 @@ def test_what_is_tried_follows_from_how_chunks_are_executed():
 
 def test_averaging_alone_is_taken_from_an_ensemble():
     _, subject = executable(execution="ensemble", replan_interval=2)
-    (newest,) = [each for each in make_trials(subject) if each.hypothesis == "over-smoothing"]
+    newest, recent = [each for each in make_trials(subject) if each.hypothesis == "over-smoothing"]
     settings = changed(subject.config, dict(newest.values)).execution_settings
     assert (settings.execution, settings.replan_interval, settings.n_action_steps) == ("receding", 2, 8)
     assert newest.size == 1
+    settings = changed(subject.config, dict(recent.values)).execution_settings
+    assert (settings.execution, settings.replan_interval, settings.weight_growth) == ("ensemble", 2, -0.1)
+
+
+def test_an_ensemble_that_forgets_soon_is_not_told_to():
+    _, subject = executable(execution="ensemble", ensemble_weighting="recency", temporal_ensemble_coeff=0.5)
+    assert [each.change for each in make_trials(subject) if each.hypothesis == "over-smoothing"] == [
+        "the newest chunk alone"
+    ]
 
 
 def test_draws_are_changed_where_there_are_any():

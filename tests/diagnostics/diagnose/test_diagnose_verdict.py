@@ -94,6 +94,24 @@ def test_luck_of_the_draw():
     assert names(judge(measured(repetition=SuccessRate(4, 20)), seen())) == []
 
 
+def test_luck_that_repairs_nearly_all_comes_before_weak_training():
+    assert names(judge(measured(repetition=SuccessRate(16, 20)), seen(WEAK))) == ["wrong mode"]
+    half = judge(measured(repetition=SuccessRate(11, 20)), seen(WEAK))
+    assert names(half) == ["under-training or too little data"]
+
+
+def test_luck_of_the_draw_names_the_way_of_drawing_that_does_as_well():
+    failing = dict.fromkeys(range(20), True)
+    repetition = {seed: seed >= 3 for seed in range(20)}
+    trial = Trial("wrong mode", "the likeliest latent", "--policy.z_inference=mode")
+    as_good = Effect(trial, failing, dict.fromkeys(range(100, 180), True), repetition, 20, 80)
+    assert as_good.p_value > 0.05  # it cannot be told from luck
+    judgement = judge(measured(effects=[as_good], repetition=SuccessRate(17, 20)), seen(WEAK))
+    assert names(judgement) == ["wrong mode"]
+    assert judgement.causes[0].repair == "--policy.z_inference=mode"
+    assert "With the likeliest latent, 20 of 20 failing episodes succeed" in judgement.causes[0].evidence
+
+
 def test_without_an_environment():
     assert judge(None, seen()).verdict == "inconclusive"
     assert "--env.type" in judge(None, seen()).reasons[0]

@@ -101,5 +101,6 @@ def test_the_engine_drives_the_policy_and_begins_anew(name):
     assert first.std(0).min() > 0
 
 
-def test_real_time_chunking_is_left_to_policies_that_can_continue_a_chunk():
-    assert not supports_rtc_inference(make_policy())
+def test_it_acts_in_the_real_time_engine_with_and_without_a_learned_prefix():
+    assert supports_rtc_inference(make_policy())
+    assert supports_rtc_inference(make_policy(prefix_steps=2))

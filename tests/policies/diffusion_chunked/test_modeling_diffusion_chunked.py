@@ -290,5 +290,13 @@ def test_a_window_of_another_length_is_refused():
 
 def test_it_says_whether_it_can_continue_a_chunk():
     assert PLAIN.policy().supports_rtc()
-    assert not PLAIN.policy(objective="two_step").supports_rtc()
+    assert not PLAIN.policy(n_obs_steps=2, align="first_obs").supports_rtc()
+
+
+def test_a_regression_goes_over_from_what_is_left_as_execution_says():
+    policy, left_over = PLAIN.policy(objective="two_step", execution="receding"), torch.full((1, 3, A), 9.0)
+    chunk = policy.predict_action_chunk(observation(), inference_delay=2, prev_chunk_left_over=left_over)
+    alone = policy.predict_action_chunk(observation())
+    assert torch.equal(chunk[:, :2], left_over[:, :2].expand(len(chunk), -1, -1))
+    assert torch.equal(chunk[:, 2:], alone[:, 2:])
     assert T != HORIZON

@@ -10,7 +10,7 @@ from lerobot.processor import make_default_pre_post_processors
 from lerobot.rollout.inference.rtc import RTCInferenceEngine, supports_rtc_inference
 from lerobot.rollout.inference.sync import SyncInferenceEngine
 from stand_ins import STAND_INS, A, S, bare, batch, stand_ins, wrapped  # noqa: F401  (a fixture)
-from wrapped_cases import ACT
+from wrapped_cases import ACT, B
 
 JOINTS = [f"joint_{i}.pos" for i in range(A)]
 
@@ -53,7 +53,7 @@ def test_the_batch_is_never_changed(policy_type):
 def test_several_samples_of_everything_are_asked_for_at_once(policy_type):
     policy = wrapped(policy_type, execution="coherence", n_samples=4, replan_interval=2)
     policy._observations.observe(batch(0))
-    samples = policy._sample(batch(0), torch.tensor([2, 0]))
+    samples = policy._prepare(batch(0), torch.tensor([2, 0]))()
     assert samples.shape == (4, 2, 7, A)
     assert torch.equal(samples, samples[:1].expand_as(samples))
     torch.testing.assert_close(samples[0], wrapped(policy_type).predict_action_chunk(batch(0))[[2, 0]])
@@ -71,8 +71,17 @@ def test_arguments_of_real_time_chunking_reach_a_policy_that_knows_them(stand_in
     assert vla.inner.received == [{"inference_delay": 2, "prev_chunk_left_over": left, "noise": noise}]
     dit.predict_action_chunk(batch(0), inference_delay=2, prev_chunk_left_over=left)
     assert supports_rtc_inference(vla)
-    assert not supports_rtc_inference(dit)
-    assert not supports_rtc_inference(ACT.wrapped())
+    assert supports_rtc_inference(dit)
+    assert supports_rtc_inference(ACT.wrapped())
+
+
+def test_a_chunk_of_a_policy_that_continues_none_goes_over_from_what_is_left():
+    wrapped, left_over = ACT.wrapped(execution="crossfade", crossfade_steps=1), torch.full((B, 3, A), 9.0)
+    chunk = wrapped.predict_action_chunk(ACT.batch(), inference_delay=1, prev_chunk_left_over=left_over)
+    alone = wrapped.predict_action_chunk(ACT.batch())
+    assert torch.equal(chunk[:, 0], left_over[:, 0])
+    torch.testing.assert_close(chunk[:, 1], (9.0 + alone[:, 1]) / 2)
+    assert torch.equal(chunk[:, 2:], alone[:, 2:])
 
 
 def test_the_settings_of_real_time_chunking_reach_the_inner_policy(stand_ins):  # noqa: F811

@@ -146,6 +146,7 @@ def _training_batch(subject: Subject, batch: Mapping[str, Any]) -> TrainingBatch
         observation=subject.network.encode_observation(window),
         state=None if state is None else state[:, -1],
         target=ActionTarget(actions, target.is_pad),
+        ignored=target.is_pad,
         decoder_inputs=actions,
         decoder_input_mask=None,
     )

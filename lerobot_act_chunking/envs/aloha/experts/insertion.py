@@ -12,7 +12,8 @@ From before contact to the end both arms rise together, so that the pushing arms
 import numpy as np
 
 from lerobot_act_chunking.envs.aloha.experts.kinematics import bearing
-from lerobot_act_chunking.envs.aloha.experts.motion import ArmScript, Script, Stroke
+from lerobot_act_chunking.envs.aloha.experts.motion import Script
+from lerobot_act_chunking.envs.strokes import ArmScript, Stroke
 
 _DOWN = np.pi / 2
 _OPEN, _CLOSED = (1.0,), (0.0,)

@@ -1,31 +1,27 @@
 """From a task and its objects to joint targets for a whole episode."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from lerobot_act_chunking.envs.aloha.experts import insertion, stepwise, transfer_cube
 from lerobot_act_chunking.envs.aloha.experts.kinematics import HOME_JOINTS, Arm, forward, inverse
 from lerobot_act_chunking.envs.aloha.experts.motion import (
-    PAUSE_WINDOW,
-    ArmScript,
     Script,
-    blend,
-    detour_of,
-    fine_moments,
     miss_first_grasp,
     one_arm_after_the_other,
-    script_times,
-    shift_free,
 )
 from lerobot_act_chunking.envs.aloha.tasks import get_task
 from lerobot_act_chunking.envs.aloha.world import CONTROL_PERIOD
-from lerobot_act_chunking.envs.demonstration import (
-    ExpertOptions,
-    Ranges,
-    correlated_noise,
-    wandering_pace,
+from lerobot_act_chunking.envs.demonstration import ExpertOptions, Ranges
+from lerobot_act_chunking.envs.strokes import (
+    ArmScript,
+    ExpertPlan,
+    blend,
+    detour_of,
+    executed,
+    shift_free,
+    step_times,
 )
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 
@@ -70,20 +66,6 @@ RANGES: Ranges = {
 """Outside these the experts fail too often to demonstrate anything."""
 
 
-@dataclass(frozen=True)
-class ExpertPlan:
-    """A whole episode at 50 Hz, rows in the order of ``JOINT_NAMES``: arm targets [rad], grippers 0 .. 1.
-
-    Attributes:
-        actions: (T, 14) clean targets, what a dataset records as the action.
-        commands: (T, 14) what is executed: ``actions`` plus the action noise, as in DART (Laskey et al.
-            2017): the recorded action always leads back from the disturbed state.
-    """
-
-    actions: np.ndarray
-    commands: np.ndarray
-
-
 def plan(
     task: str, object_pose: np.ndarray, options: ExpertOptions, rng: np.random.Generator, *, mode: int = 0
 ) -> ExpertPlan:
@@ -111,13 +93,13 @@ def plan(
         script = miss_first_grasp(script)
     if options.one_arm_first:
         script = one_arm_after_the_other(script)
-    times = _step_times(script, options, rng)
+    times = step_times(script, options, rng, period=CONTROL_PERIOD, most_steps=MAX_STEPS)
     left = _targets("left", script.left, times, options, rng)
     right = _targets("right", script.right, times, options, rng)
     actions = np.concatenate([left, right], axis=1)
     arms = (len(actions), len(_ARM_JOINTS))
     actions[:, _ARM_JOINTS] += options.hand(arms, rng, period=CONTROL_PERIOD)
-    commands = _late(_disturbed(actions, options.action_noise, rng), options.latency)
+    commands = executed(actions, _ARM_JOINTS, options, rng, period=CONTROL_PERIOD)
     return ExpertPlan(actions, commands)
 
 
@@ -145,30 +127,6 @@ def _checked_pose(task: str, object_pose: np.ndarray) -> np.ndarray:
     return pose
 
 
-def _step_times(script: Script, options: ExpertOptions, rng: np.random.Generator) -> np.ndarray:
-    begin = script.beginning if options.idle_start else 0.0
-    span = (begin, script.end if options.idle_end else script.duration)
-    moments = fine_moments(span)
-    speed = options.speed
-    if options.pace_change:
-        speed = speed * wandering_pace(moments, options.pace_change, rng)
-    pauses = [(moment, options.pause(options.dwell, rng)) for moment in script.pauses]
-    pauses += [(moment, options.pause(options.dwell_after, rng)) for moment in script.pauses_after]
-    window = 0.0 if options.constant_speed else PAUSE_WINDOW
-    moving = script_times(span, pauses, speed, window=window)
-    if options.pace_change or options.dwell_spread:
-        moving = moving[:MAX_STEPS]  # who takes too long this time does not get to the end
-    if len(moving) > MAX_STEPS:
-        raise ConfigurationError(
-            f"speed={options.speed} and dwell={options.dwell} make a plan of {len(moving)} steps, an episode "
-            f"has {MAX_STEPS}; raise the speed or shorten the dwell"
-        )
-    before, after = (round(rest / CONTROL_PERIOD) for rest in (options.idle_start, options.idle_end))
-    before = min(before, MAX_STEPS - len(moving))
-    after = min(after, MAX_STEPS - len(moving) - before)
-    return np.concatenate([np.full(before, moving[0]), moving, np.full(after, moving[-1])])
-
-
 def _targets(
     arm: Arm, script: ArmScript, times: np.ndarray, options: ExpertOptions, rng: np.random.Generator
 ) -> np.ndarray:
@@ -181,18 +139,3 @@ def _targets(
     joints = inverse(arm, tool)
     fingers = blend(times, _HOME_GRIPPER, script.gripper, constant_speed=straight)
     return np.concatenate([joints, fingers], axis=1)
-
-
-def _late(commands: np.ndarray, latency: float) -> np.ndarray:
-    """The commands ``latency`` [s] later; until the first one comes, the robot stays."""
-    delay = round(latency / CONTROL_PERIOD)
-    return commands[np.maximum(np.arange(len(commands)) - delay, 0)]
-
-
-def _disturbed(actions: np.ndarray, scale: float, rng: np.random.Generator) -> np.ndarray:
-    commands = actions.copy()
-    if scale > 0:
-        commands[:, _ARM_JOINTS] += correlated_noise(
-            (len(actions), len(_ARM_JOINTS)), scale, rng, period=CONTROL_PERIOD
-        )
-    return commands

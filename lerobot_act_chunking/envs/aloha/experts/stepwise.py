@@ -8,7 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lerobot_act_chunking.envs.aloha.experts.motion import ArmScript, Script, Stroke
+from lerobot_act_chunking.envs.aloha.experts.motion import Script
+from lerobot_act_chunking.envs.strokes import ArmScript, Stroke
 
 _PITCH, _LEVEL, _SIDEWAYS = np.pi / 3, 0.0, np.pi / 2
 _OPEN, _CLOSED = (1.0,), (0.0,)

@@ -12,7 +12,8 @@ policies trained on experts that pause get stuck in the pauses.
 import numpy as np
 
 from lerobot_act_chunking.envs.aloha.experts.kinematics import bearing
-from lerobot_act_chunking.envs.aloha.experts.motion import ArmScript, Script, Stroke
+from lerobot_act_chunking.envs.aloha.experts.motion import Script
+from lerobot_act_chunking.envs.strokes import ArmScript, Stroke
 
 _DOWN, _LEVEL = np.pi / 2, 0.0
 _RIGHT_ROLL = np.pi / 2  # fingers open along world x when vertical, along world z when horizontal

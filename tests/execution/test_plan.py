@@ -2,7 +2,7 @@
 
 import torch
 
-from lerobot_act_chunking.policies.diffusion_chunked.plan import Plan
+from lerobot_act_chunking.execution.plan import Plan, covered_steps
 
 STEPS = torch.arange(14.0).reshape(2, 7, 1)  # two environments, seven planned steps: 0 ... 6 and 7 ... 13
 
@@ -56,3 +56,13 @@ def test_the_first_prediction_behind_the_delay_is_not_frozen():
     steps = torch.arange(14.0).reshape(2, 7, 1)
     plan = Plan.from_steps(steps, torch.ones(1, 7, dtype=torch.bool), horizon=5, chunk_stride=1, delay=2)
     assert plan.frozen.tolist() == [[True, True, False, False, False]] * 2
+
+
+def test_padding_is_not_plan():
+    plan = torch.ones(2, 4, 4)
+    plan[0, 1] = 0  # in the middle of a plan: an action like any other
+    plan[0, 2, 1:] = 0
+    plan[0, 3:] = 0
+    plan[1] = 0
+    assert covered_steps(plan).tolist() == [[True, True, True, False], [False] * 4]
+    assert covered_steps(plan[:, :0]).shape == (2, 0)

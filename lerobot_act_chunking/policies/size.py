@@ -1,4 +1,4 @@
-"""Networks that no single device trains are refused before memory is spent on them."""
+"""How many weights a network may have."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -12,10 +12,10 @@ MOST_WEIGHTS = 4 * 10**9  # 64 GB with their gradients and AdamW's two moments: 
 
 
 def check_size(build: Callable[[], nn.Module]) -> None:
-    """Count a network's weights without memory for them.
+    """Count the weights without memory for them, and refuse what no single device trains.
 
     Raises:
-        ConfigurationError: it has more than `MOST_WEIGHTS`.
+        ConfigurationError: naming their number and the limit.
     """
     n_weights = 0  # unknown: some backbones of timm compute with numbers while they are built
     with suppress(RuntimeError, NotImplementedError), torch.device("meta"):

@@ -74,3 +74,12 @@ class Plan:
         if n_samples == 1:
             return self
         return Plan(self.actions.repeat(n_samples, 1, 1), self.covered.repeat(n_samples, 1), self.n_frozen)
+
+
+def covered_steps(plan: Float[Tensor, "n P A"]) -> Bool[Tensor, "n P"]:
+    """The steps that are plan, not padding: those up to the last one with any value but zero.
+
+    LeRobot's engine fills up what is left of a chunk with zeros, and RTCProcessor guides towards them.
+    """
+    present = plan.ne(0).any(-1)
+    return present.flip(1).cummax(1).values.flip(1)

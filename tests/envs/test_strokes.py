@@ -1,13 +1,8 @@
 import numpy as np
 import pytest
 
-from lerobot_act_chunking.envs.aloha.experts.motion import (
-    Stroke,
-    blend,
-    minimum_jerk,
-    script_times,
-    shift_free,
-)
+from lerobot_act_chunking.envs.demonstration import minimum_jerk
+from lerobot_act_chunking.envs.strokes import Stroke, blend, script_times, shift_free
 
 
 def test_minimum_jerk_values_worked_out_by_hand():
@@ -45,12 +40,16 @@ def test_waypoint_noise_moves_free_positions_only():
 
 
 def test_steps_fall_every_period_at_any_speed():
-    np.testing.assert_allclose(script_times((0.0, 1.0), (), 1.0), np.arange(51) * 0.02, atol=1e-9)
-    np.testing.assert_allclose(script_times((0.0, 1.0), (), 0.8), np.arange(63) * 0.016, atol=1e-9)
+    np.testing.assert_allclose(
+        script_times((0.0, 1.0), (), 1.0, period=0.02), np.arange(51) * 0.02, atol=1e-9
+    )
+    np.testing.assert_allclose(
+        script_times((0.0, 1.0), (), 0.8, period=0.02), np.arange(63) * 0.016, atol=1e-9
+    )
 
 
 def test_a_dwell_lingers_around_its_pause_and_nowhere_else():
-    times = script_times((0.0, 1.0), [(0.5, 0.4)], 1.0)
+    times = script_times((0.0, 1.0), [(0.5, 0.4)], 1.0, period=0.02)
     steps = np.diff(times)
     lingering = steps < 0.01
     assert len(times) == 71
@@ -60,7 +59,7 @@ def test_a_dwell_lingers_around_its_pause_and_nowhere_else():
 
 
 def test_without_a_window_a_dwell_stands_still():
-    times = script_times((0.0, 1.0), [(0.5, 0.4)], 1.0, window=0.0)
+    times = script_times((0.0, 1.0), [(0.5, 0.4)], 1.0, period=0.02, window=0.0)
     assert len(times) == 71
     assert np.sum(np.abs(times - 0.5) < 0.006) == 21
     moving = np.diff(times)[np.abs(times[:-1] - 0.5) > 0.03]

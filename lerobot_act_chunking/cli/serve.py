@@ -1,0 +1,70 @@
+"""``act-chunking serve``: a policy on one machine, the robot on another."""
+
+from importlib.util import find_spec
+from typing import Annotated
+
+import typer
+
+CLIENT = "python -m lerobot.async_inference.robot_client"
+
+
+def serve_command(
+    checkpoints: Annotated[
+        list[str],
+        typer.Argument(
+            help="Checkpoint folders (…/pretrained_model) or repo ids: clients may ask for these."
+        ),
+    ],
+    host: Annotated[
+        str, typer.Option(help="Address to listen at; 0.0.0.0 is all of this machine's.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Port to listen at.")] = 8080,
+) -> None:
+    """Let policies of every installed type act through LeRobot's robot client, over a network.
+
+    The client is LeRobot 0.6's own, unchanged. Stop it with Ctrl-C: the robot then holds its last position.
+    """
+    from lerobot_act_chunking.errors import ConfigurationError, need
+
+    if find_spec("lerobot.async_inference") is None:
+        raise ConfigurationError(
+            "this LeRobot has a server of its own, which takes the types of plug-ins: lerobot-policy-server "
+            "--help"
+        )
+    need("grpc", "act-chunking serve", "lerobot[async]")
+    _run(checkpoints, host, port)
+
+
+def _run(checkpoints: list[str], host: str, port: int) -> None:
+    from rich.console import Console
+
+    from lerobot_act_chunking.serving.server import LOOPBACK, Served, start
+
+    console = Console(highlight=False, soft_wrap=True)
+    served = [Served.of(path) for path in checkpoints]
+    server = start(served, host, port)
+    if host not in LOOPBACK:
+        console.print(
+            f"[yellow]whoever reaches {host}:{port} can use these policies.[/] LeRobot's protocol is neither "
+            "encrypted nor signed, and carries pickles: this server builds nothing of them but observations, "
+            "but a client runs whatever a server sends it. Use it in a network that you trust, or through a "
+            f"tunnel: ssh -L {port}:127.0.0.1:{port}"
+        )
+    console.print(f"listening at {host}:{port}")
+    for each in served:
+        kind = each.config.type
+        console.print(
+            f"{kind}: {CLIENT} --server_address={host}:{port} --policy_type={kind} "
+            f"--pretrained_name_or_path={each.path} --actions_per_chunk={_actions(each.config)} "
+            "--robot.type=..."
+        )
+    try:
+        server.wait_for_termination()
+    finally:
+        server.stop(grace=1).wait()
+
+
+def _actions(config: object) -> int:
+    """How many actions of a chunk are worth sending."""
+    steps = getattr(config, "n_action_steps", None) or getattr(config, "chunk_size", None)
+    return int(steps or 1)

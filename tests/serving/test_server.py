@@ -1,0 +1,205 @@
+"""LeRobot's own robot client, unchanged, and the server that every policy type acts through."""
+
+import os
+import socket
+import threading
+import time
+
+import grpc
+import numpy as np
+import pytest
+import torch
+from lerobot.configs import PreTrainedConfig
+from lerobot.policies.factory import make_pre_post_processors
+from policy_case import STATE, TOP
+from policy_cases import KINDS, Case
+from served_arm import JOINTS, ServedArm, ServedArmConfig
+
+from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.policies.loading import load_policy
+from lerobot_act_chunking.policies.saving import save_checkpoint
+from lerobot_act_chunking.policies.temporal_ensemble.wrapping import load_wrapped
+from lerobot_act_chunking.serving.server import Served, start
+
+pytest.importorskip("grpc")
+FPS, N_ACTIONS = 60, 4
+STATISTICS = {
+    "observation.state": {"mean": torch.zeros(6), "std": torch.ones(6)},
+    "observation.images.top": {"mean": torch.zeros(3, 1, 1), "std": torch.ones(3, 1, 1)},
+    "action": {"mean": torch.full((4,), 2.0), "std": torch.full((4,), 3.0)}
+    | {"min": torch.full((4,), -1.0), "max": torch.full((4,), 5.0)},
+}
+DETERMINISTIC = {
+    "act_chunked": {},
+    "diffusion_chunked": {"objective": "two_step"},
+    "vqbet_chunked": {"bet_softmax_temperature": 1e-6},
+}
+
+
+@pytest.fixture(scope="module")
+def checkpoints(tmp_path_factory):
+    """One of each type, and one in a wrapper, by what they are called."""
+    root, made = tmp_path_factory.mktemp("served"), {}
+    for kind in KINDS:
+        policy = Case("arm", kind, STATE | TOP, DETERMINISTIC[kind]).policy()
+        parts = (policy, *make_pre_post_processors(policy.config, dataset_stats=STATISTICS))
+        save_checkpoint(parts, root / kind)
+        made[kind] = str(root / kind)
+    save_checkpoint(load_wrapped(made["act_chunked"]), root / "wrapped")
+    return {**made, "temporal_ensemble": str(root / "wrapped")}
+
+
+@pytest.fixture(scope="module")
+def address(checkpoints):
+    port = free_port()
+    server = start([Served.of(path) for path in checkpoints.values()], "127.0.0.1", port)
+    yield f"127.0.0.1:{port}"
+    server.stop(None).wait()
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def client_of(address, path, **settings):
+    from lerobot.async_inference.configs import RobotClientConfig
+    from lerobot.async_inference.robot_client import RobotClient
+
+    robot = ServedArmConfig(**{name: settings.pop(name) for name in ("joints", "camera") if name in settings})
+    kind = settings.pop("policy_type", None) or PreTrainedConfig.from_pretrained(path).type
+    client = RobotClient(
+        RobotClientConfig(
+            kind,
+            path,
+            robot,
+            N_ACTIONS,
+            server_address=address,
+            fps=FPS,
+            chunk_size_threshold=0.0,
+            **settings,
+        )
+    )
+    assert isinstance(client.robot, ServedArm)
+    return client
+
+
+def act(client, n_actions):
+    """Let the arm act until it was told so much."""
+    threads = [
+        threading.Thread(target=client.receive_actions, daemon=True),
+        threading.Thread(target=client.control_loop, args=("",), daemon=True),
+    ]
+    for thread in threads:
+        thread.start()
+    until = time.monotonic() + 20
+    while len(client.robot.actions) < n_actions and time.monotonic() < until:
+        time.sleep(0.01)
+    client.shutdown_event.set()
+    for thread in threads:
+        thread.join(5)
+    return np.array(client.robot.actions[:n_actions])
+
+
+SLOW = [pytest.param(kind, marks=pytest.mark.slow) for kind in [*list(KINDS)[1:], "temporal_ensemble"]]
+
+
+@pytest.mark.parametrize("kind", [next(iter(KINDS)), *SLOW])
+def test_the_arm_is_told_what_the_policy_predicts(checkpoints, address, kind):
+    client = client_of(address, checkpoints[kind])
+    assert client.start()
+    told = act(client, 2 * N_ACTIONS)
+    assert told.shape == (2 * N_ACTIONS, 4)
+
+    loaded = load_policy(checkpoints[kind])
+    seen = client.robot.get_observation()
+    image = torch.from_numpy(seen["top"]).permute(2, 0, 1)[None] / 255
+    state = torch.tensor([[seen[name] for name in JOINTS]], dtype=torch.float32)
+    batch = loaded.preprocessor({"observation.state": state, "observation.images.top": image})
+    with torch.inference_mode():
+        chunk = loaded.postprocessor(loaded.policy.predict_action_chunk(batch))[0].numpy()
+    # A chunk begins at the step of its observation, whose action a later chunk has as its first.
+    np.testing.assert_allclose(told[:N_ACTIONS], chunk[:N_ACTIONS], rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.slow
+def test_a_client_that_comes_back_goes_on(checkpoints, address):
+    for _ in range(2):
+        client = client_of(address, checkpoints["act_chunked"])
+        assert client.start()
+        assert len(act(client, N_ACTIONS)) == N_ACTIONS
+
+
+@pytest.mark.slow
+def test_the_arm_holds_while_the_server_is_away_and_goes_on_when_it_is_back(checkpoints):
+    port, path = free_port(), checkpoints["act_chunked"]
+    server = start([Served.of(path)], "127.0.0.1", port)
+    client = client_of(f"127.0.0.1:{port}", path)
+    assert client.start()
+    act(client, N_ACTIONS)
+    server.stop(None).wait()
+    time.sleep(0.1)
+    server = start([Served.of(path)], "127.0.0.1", port)
+    again = client_of(f"127.0.0.1:{port}", path)
+    assert again.start()
+    assert len(act(again, N_ACTIONS)) == N_ACTIONS
+    server.stop(None).wait()
+
+
+@pytest.mark.parametrize(
+    ("settings", "reason"),
+    [
+        (
+            {"path": "/somewhere/else"},
+            "/somewhere/else is not served: set --pretrained_name_or_path to one of",
+        ),
+        ({"policy_type": "act"}, "is of type act_chunked: set --policy_type=act_chunked, not act"),
+        ({"camera": "front"}, "sees observation.images.top, but the robot has observation.images.front"),
+        ({"joints": list(JOINTS[:5])}, "observation.state of 6 values, but the robot has 5 values"),
+    ],
+    ids=["another checkpoint", "another type", "another camera", "another arm"],
+)
+def test_a_client_that_does_not_fit_is_told_why(checkpoints, address, settings, reason, caplog):
+    path = settings.pop("path", checkpoints["act_chunked"])
+    client = client_of(address, path, **{"policy_type": "act_chunked", **settings})
+    with caplog.at_level("ERROR"):
+        assert not client.start()
+    assert reason in caplog.text
+    assert not client.robot.actions
+
+
+def test_a_pickle_that_runs_code_is_refused_before_it_runs(address, tmp_path):
+    import pickle
+
+    from lerobot.transport import services_pb2, services_pb2_grpc
+
+    class Evil:
+        def __reduce__(self):
+            return os.mkdir, (str(tmp_path / "made"),)
+
+    with grpc.insecure_channel(address) as channel:
+        stub = services_pb2_grpc.AsyncInferenceStub(channel)
+        stub.Ready(services_pb2.Empty())
+        with pytest.raises(grpc.RpcError, match="mkdir, which is no part of an observation"):
+            stub.SendPolicyInstructions(services_pb2.PolicySetup(data=pickle.dumps(Evil())))
+        with pytest.raises(grpc.RpcError, match="7 bytes that cannot be read"):
+            stub.SendPolicyInstructions(services_pb2.PolicySetup(data=b"garbage"))
+    assert not (tmp_path / "made").exists()
+
+
+def test_a_port_that_is_taken_is_refused(checkpoints, address):
+    with pytest.raises(ConfigurationError, match="set another --port"):
+        start([Served.of(checkpoints["act_chunked"])], "127.0.0.1", int(address.partition(":")[2]))
+
+
+def test_a_checkpoint_that_lacks_a_file_is_refused_at_the_start(tmp_path):
+    with pytest.raises(ConfigurationError, match="there is no checkpoint"):
+        Served.of(str(tmp_path / "nothing"))
+
+
+def test_nothing_is_written_where_the_command_runs(checkpoints, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    server = start([Served.of(checkpoints["act_chunked"])], "127.0.0.1", free_port())
+    server.stop(None).wait()
+    assert not list(tmp_path.iterdir())
