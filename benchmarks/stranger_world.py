@@ -16,13 +16,14 @@ from lerobot_act_chunking.errors import need
 
 __path__ = []  # LeRobot's --env.discover_packages_path takes every module for a package
 PLUGIN = "lerobot_env_so101"
+REQUIREMENT = f"{PLUGIN}==0.4.0"
 FPS, LIMIT, SCALE = 10, 120, 0.02
 SIZES = {"action": 4, "observation.state": 14, "observation.environment_state": 6}
 
 
 def make(**options):
     """The plug-in's task of picking a block and placing it, both at places that differ."""
-    plugin = need(PLUGIN, "the stranger's world", f"{PLUGIN}==0.4.0")
+    plugin = need(PLUGIN, "the stranger's world", REQUIREMENT)
     return Told(plugin.SO101PickPlaceGymEnv(random_block_position=True, action_scale=SCALE, **options))
 
 
@@ -38,10 +39,9 @@ class Told(gym.Wrapper):
 
 def demonstrate(env, seed: int):
     """The controller's episode: observations (T, ...) and actions (T, 4), and whether it succeeds."""
-    from lerobot_env_so101.scripted import PickPlaceController
-
     observation, _ = env.reset(seed=seed)
-    inner, controller = env.unwrapped, PickPlaceController(SCALE)
+    scripted = need(f"{PLUGIN}.scripted", "the stranger's controller", REQUIREMENT)
+    inner, controller = env.unwrapped, scripted.PickPlaceController(SCALE)
     rows, success = [], False
     for _ in range(LIMIT):
         goal = inner.goal_pos
