@@ -27,6 +27,8 @@ VARIANTS = {
         kind: Variant({"type": kind, **CPU}, 1500, 64)
         for kind in ("act_chunked", "diffusion_chunked", "vqbet_chunked")
     },
+    "act_one_action": Variant({"type": "act_chunked", "actions_per_query": 1, **CPU}, 1500, 64),
+    "diffusion_one_action": Variant({"type": "diffusion_chunked", "actions_per_token": 1, **CPU}, 1500, 64),
     **{
         f"lerobot_act_{rate}": Variant(
             {"type": "act", **LEROBOT, **CPU, "chunk_size": 25, "n_action_steps": 6, "optimizer_lr": rate},
