@@ -38,9 +38,8 @@ def _shown(report: ReplayReport) -> list[int]:
     travelled = np.ptp(report.drawn.done, axis=0) / np.maximum(report.spread, 1e-9)
     order = sorted(moving, key=lambda dim: -travelled[dim])
     hands = [dim for dim in order if is_hand(report.names[dim])][:1]
-    return [*[dim for dim in order if not is_hand(report.names[dim])][: SHOWN - len(hands)], *hands] or order[
-        :1
-    ]
+    arms = [dim for dim in order if not is_hand(report.names[dim])]
+    return [*arms[: SHOWN - len(hands)], *hands]
 
 
 def _draw_chunks(ax: Any, report: ReplayReport, dim: int, last: bool) -> None:

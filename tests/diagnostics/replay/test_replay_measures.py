@@ -60,7 +60,7 @@ def test_who_repeats_the_last_action_goes_nowhere():
 
 
 def test_who_always_does_the_same_has_no_variation():
-    assert follow(np.full_like(DONE, 0.3)).variation == 0
+    assert follow(np.full_like(DONE, 0.3)).variation == pytest.approx(0)
 
 
 def test_other_units_are_outside():
