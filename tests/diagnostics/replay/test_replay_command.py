@@ -11,7 +11,7 @@ from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.utils.feature_utils import dataset_to_policy_features
-from small_policies import OURS, make_policy, save
+from small_policies import CHUNK, OURS, make_policy, save
 
 from lerobot_act_chunking.cli.main import main
 
@@ -101,10 +101,10 @@ def test_real_recordings_of_states_and_cameras(name, type_, tmp_path):
     features = dataset_to_policy_features(meta.features)
     inputs = {key: each for key, each in features.items() if key.startswith("observation")}
     start = torch.as_tensor(np.ravel(meta.stats["action"]["mean"]), dtype=torch.float32)
-    weights = {"pretrained_backbone_weights": None} if type_ == "act" else {}
-    policy = save(make_policy(type_, inputs, start, **weights), tmp_path / "policy")
+    own = {"pretrained_backbone_weights": None, "n_action_steps": CHUNK} if type_ == "act" else {}
+    policy = save(make_policy(type_, inputs, start, **own), tmp_path / "policy")
     numbers = tmp_path / "replay.json"
-    asked = ["replay", policy, str(folder), "--episodes", "0,1", "--observations", "40"]
+    asked = ["replay", policy, str(folder), "--episodes", "0", "--observations", "40"]
     assert main([*asked, "--json", str(numbers), "--out", str(tmp_path / "replay.png")]) == FAILED
     content = json.loads(numbers.read_text(), parse_constant=pytest.fail)
     assert content["learned"] == []
