@@ -60,7 +60,7 @@ def judge(
 
 def _chunks(following: Following, names: Sequence[str]) -> list[tuple[str, str]]:
     """What is wrong with the predictions; the first cause alone, since each explains those behind it."""
-    foreign = [names[dim] for dim in np.flatnonzero(following.outside >= FOREIGN).tolist()]
+    foreign = [name for name, share in zip(names, following.outside, strict=True) if share >= FOREIGN]
     if foreign:
         return [("fail", (
             f"most predictions of {listed(foreign)} are far from everything in this dataset: it has other "
