@@ -21,6 +21,7 @@ from lerobot_act_chunking.cli.modes import modes_command
 from lerobot_act_chunking.cli.motion import motion_command
 from lerobot_act_chunking.cli.quickstart import quickstart_command
 from lerobot_act_chunking.cli.record import record_command
+from lerobot_act_chunking.cli.replay import replay_command
 from lerobot_act_chunking.cli.resolution import resolution_command
 from lerobot_act_chunking.cli.running import run
 from lerobot_act_chunking.cli.serve import serve_command
@@ -58,6 +59,7 @@ app.command("data")(data_command)
 app.command("motion", cls=EnvironmentCommand)(motion_command)
 app.command("smoothness", cls=EnvironmentCommand)(smoothness_command)
 app.command("bandwidth")(bandwidth_command)
+app.command("replay")(replay_command)
 app.command("resolution")(resolution_command)
 app.command("latent")(latent_command)
 app.command("eval", cls=EnvironmentCommand)(eval_command)

@@ -7,9 +7,9 @@ import numpy as np
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 
 from lerobot_act_chunking.diagnostics.core.episodes import evenly
+from lerobot_act_chunking.diagnostics.core.recording import Episode
 from lerobot_act_chunking.diagnostics.data.dimensions import longest_run
 from lerobot_act_chunking.diagnostics.data.frames import grey_frames
-from lerobot_act_chunking.diagnostics.data.recording import Episode
 
 BLANK = 3.0
 """Standard deviation within a picture [grey levels] below which there is nothing to see in it."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lerobot_act_chunking.diagnostics.data.recording import Recording
+from lerobot_act_chunking.diagnostics.core.recording import Recording
 
 UNITS_S = (1.0, 1e-3, 1e-6, 1e-9)
 """Seconds and what else clocks count in."""

@@ -1,10 +1,10 @@
 """The whole diagnosis, from what is asked to the report."""
 
+from lerobot_act_chunking.diagnostics.core.operators import read_operators
+from lerobot_act_chunking.diagnostics.core.recording import read_metadata, read_recording
 from lerobot_act_chunking.diagnostics.data.cameras import Progress, look
 from lerobot_act_chunking.diagnostics.data.frames import cameras_of
 from lerobot_act_chunking.diagnostics.data.measuring import measure, measure_motion, sound
-from lerobot_act_chunking.diagnostics.data.operators import read_operators
-from lerobot_act_chunking.diagnostics.data.recording import read_metadata, read_recording
 from lerobot_act_chunking.diagnostics.data.report import DataReport
 from lerobot_act_chunking.diagnostics.data.settings import Settings
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from lerobot_act_chunking.diagnostics.core.noise_floor import NoiseFloor
+from lerobot_act_chunking.diagnostics.core.stillness import Rests, Stillness
 from lerobot_act_chunking.diagnostics.core.tracking import Tracking
 from lerobot_act_chunking.diagnostics.data.cameras import Camera
 from lerobot_act_chunking.diagnostics.data.clocks import Clock
 from lerobot_act_chunking.diagnostics.data.dimensions import Behaviour, Repeats
 from lerobot_act_chunking.diagnostics.data.operators import Split
-from lerobot_act_chunking.diagnostics.data.stillness import Rests, Stillness
 from lerobot_act_chunking.diagnostics.data.ways import Ways
 
 

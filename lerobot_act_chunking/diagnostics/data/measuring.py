@@ -8,6 +8,8 @@ import numpy as np
 
 from lerobot_act_chunking.data.action_kind import asks_for_changes
 from lerobot_act_chunking.diagnostics.core.noise_floor import measure_noise
+from lerobot_act_chunking.diagnostics.core.recording import Recording
+from lerobot_act_chunking.diagnostics.core.stillness import find_stillness, summarise
 from lerobot_act_chunking.diagnostics.core.tracking import Tracking, track
 from lerobot_act_chunking.diagnostics.data.cameras import Camera
 from lerobot_act_chunking.diagnostics.data.clocks import read_clocks
@@ -15,9 +17,7 @@ from lerobot_act_chunking.diagnostics.data.dimensions import find_behaviours, fi
 from lerobot_act_chunking.diagnostics.data.findings import Findings, Motion
 from lerobot_act_chunking.diagnostics.data.operators import split_by_operator
 from lerobot_act_chunking.diagnostics.data.pairing import Pairs, pair_dimensions
-from lerobot_act_chunking.diagnostics.data.recording import Recording
 from lerobot_act_chunking.diagnostics.data.report import DataReport
-from lerobot_act_chunking.diagnostics.data.stillness import find_stillness, summarise
 from lerobot_act_chunking.diagnostics.data.verdict import judge
 from lerobot_act_chunking.diagnostics.data.ways import Ways, count_ways
 from lerobot_act_chunking.errors import DatasetError

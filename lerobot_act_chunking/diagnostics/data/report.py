@@ -3,11 +3,11 @@
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
 
+from lerobot_act_chunking.diagnostics.core.recording import Recording
 from lerobot_act_chunking.diagnostics.core.report import Report
 from lerobot_act_chunking.diagnostics.core.tracking import Tracking
 from lerobot_act_chunking.diagnostics.data.clocks import Clock
 from lerobot_act_chunking.diagnostics.data.findings import Findings, Motion
-from lerobot_act_chunking.diagnostics.data.recording import Recording
 
 NOBODY = (
     "Nothing says who demonstrated: validation cannot be held out by person (name the column with "

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from lerobot_act_chunking.diagnostics.core.noise_floor import listed
+from lerobot_act_chunking.diagnostics.core.recording import Recording
 from lerobot_act_chunking.diagnostics.core.report import Judgement
 from lerobot_act_chunking.diagnostics.data.findings import Findings
-from lerobot_act_chunking.diagnostics.data.recording import Recording
 
 FEWEST_SECONDS = 2.0
 """Length of the longest episode below which nothing can be said."""

@@ -6,23 +6,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.utils.constants import ACTION
-from torch.utils.data import default_collate
 
-from lerobot_act_chunking.compat import action_of
 from lerobot_act_chunking.data.actions import episode_starts, is_dataset
-from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
-from lerobot_act_chunking.diagnostics.core.compatibility import OTHER_DATASET, check_features
-from lerobot_act_chunking.diagnostics.core.drawing import drawing
 from lerobot_act_chunking.diagnostics.core.episodes import evenly
 from lerobot_act_chunking.diagnostics.core.executable import predicting
+from lerobot_act_chunking.diagnostics.core.recorded import chunks_at, nearest_rows, open_recorded
 from lerobot_act_chunking.diagnostics.core.training import read_training
-from lerobot_act_chunking.errors import DatasetError, FeatureError
 from lerobot_act_chunking.policies.loading import LoadedPolicy
 
-HARDLY_VARIES = 1e-2  # spread of an observation, in its own units, that tells no two of them apart
 OBSERVATIONS = 64
 """At which the policy is asked, spread over the episodes."""
 
@@ -83,7 +76,7 @@ def find_demonstrations(given: str | None, checkpoint: str, config: Any) -> Demo
     folder = given or training.folder
     if folder is None or (given is None and not is_dataset(folder)):
         return None
-    dataset = _open(folder, config)
+    dataset = open_recorded(folder, config)
     columns = dataset.hf_dataset.with_format("numpy")
     index = np.asarray(columns["episode_index"][:])
     first = episode_starts(index)
@@ -103,19 +96,6 @@ def find_demonstrations(given: str | None, checkpoint: str, config: Any) -> Demo
     )
 
 
-def _open(folder: str, config: Any) -> LeRobotDataset:
-    quiet_missing_ffmpeg()
-    try:
-        dataset = LeRobotDataset(f"local/{Path(folder).name}", root=folder)
-        shapes = {key: feature["shape"] for key, feature in dataset.meta.features.items()}
-        check_features(config, shapes, f"the dataset at {folder}", OTHER_DATASET)
-    except FeatureError:
-        raise
-    except Exception as error:  # whatever LeRobot and its parsers raise on damaged files
-        raise DatasetError(f"the dataset at {folder} cannot be read: {error}") from error
-    return dataset
-
-
 def ask(policy: LoadedPolicy, demonstrations: Demonstrations, episodes: Sequence[int]) -> Knowledge | None:
     """How well a policy knows some episodes; None of none.
 
@@ -130,8 +110,8 @@ def ask(policy: LoadedPolicy, demonstrations: Demonstrations, episodes: Sequence
     index = np.asarray(columns["episode_index"][:])
     rows = np.flatnonzero(np.isin(index, episodes))
     rows = rows[evenly(len(rows), OBSERVATIONS)]
-    first = _chunks(policy, demonstrations, rows)
-    again = _chunks(policy, demonstrations, rows, draw=1)
+    first = chunks_at(policy, demonstrations.dataset, rows)
+    again = chunks_at(policy, demonstrations.dataset, rows, draw=1)
     steps = rows[:, None] + np.arange(first.shape[1])
     last = len(index) - 1
     inside = (steps <= last) & (index[np.minimum(steps, last)] == index[rows][:, None])
@@ -155,7 +135,7 @@ def ask(policy: LoadedPolicy, demonstrations: Demonstrations, episodes: Sequence
         scatter=size((first - again)[inside]),
         disagreement=size(
             first[follows, every:]
-            - _chunks(policy, demonstrations, rows[follows] + every)[:, : first.shape[1] - every]
+            - chunks_at(policy, demonstrations.dataset, rows[follows] + every)[:, : first.shape[1] - every]
         )
         if overlaps
         else None,
@@ -177,12 +157,9 @@ def _copied(
     if not keys or index[0] == index[-1]:
         return None
     seen = np.concatenate([np.stack(list(columns[key][:])).reshape(len(index), -1) for key in keys], axis=1)
-    seen = (seen - seen.mean(0)) / np.maximum(seen.std(0), HARDLY_VARIES)
     actions = np.stack(list(columns[ACTION][:])).astype(np.float64)
     differences = []
-    for row in rows:
-        distance = np.square(seen - seen[row]).sum(1)
-        nearest = int(np.where(index == index[row], np.inf, distance).argmin())
+    for row, nearest in zip(rows, nearest_rows(seen, index, rows), strict=True):
         steps = range(min(n_steps, _left(index, row), _left(index, nearest)))
         differences += [actions[nearest + step] - actions[row + step] for step in steps]
     return size(np.stack(differences))
@@ -191,24 +168,3 @@ def _copied(
 def _left(index: np.ndarray, row: int) -> int:
     """Rows of an episode from this one on."""
     return int(np.searchsorted(index, index[row], side="right")) - int(row)
-
-
-def _chunks(
-    policy: LoadedPolicy, demonstrations: Demonstrations, rows: np.ndarray, draw: int = 0
-) -> np.ndarray:
-    """What the policy would do at these rows, (M, T, A) in raw units."""
-    config = predicting(policy.policy.config)
-    dataset, deltas = demonstrations.dataset, config.observation_delta_indices or [0]
-    keys = [*config.input_features, "task"]
-    several = {key: [delta / demonstrations.fps for delta in deltas] for key in config.input_features}
-    windows = LeRobotDataset(
-        dataset.repo_id, root=dataset.root, delta_timestamps=several if len(deltas) > 1 else None
-    )
-    items: list[Any] = [windows[int(row)] for row in rows]
-    batch = default_collate([{key: item[key] for key in keys} for item in items])
-    with drawing(policy.policy, draw, 0), torch.inference_mode():
-        policy.reset()
-        chunk = action_of(policy.policy.predict_action_chunk(policy.preprocessor(batch)))
-        raw = policy.postprocessor(chunk.flatten(0, 1)).cpu().numpy().reshape(chunk.shape)
-    policy.reset()
-    return raw.astype(np.float64)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from lerobot_act_chunking.diagnostics.core.recording import Episode, Recording
 from lerobot_act_chunking.diagnostics.data.measuring import measure, measure_motion
-from lerobot_act_chunking.diagnostics.data.recording import Episode, Recording
 
 FPS = 20
 NAMES = ("shoulder", "elbow", "gripper")

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from planted_data import FPS, NAMES, held, later, motion_of, plain, reach, recording, report_of
 
+from lerobot_act_chunking.diagnostics.core.stillness import Stillness, find_stillness, summarise
 from lerobot_act_chunking.diagnostics.data.cameras import compare
 from lerobot_act_chunking.diagnostics.data.clocks import read_clocks
 from lerobot_act_chunking.diagnostics.data.operators import split_by_operator
 from lerobot_act_chunking.diagnostics.data.pairing import pair_dimensions
-from lerobot_act_chunking.diagnostics.data.stillness import Stillness, find_stillness, summarise
 from lerobot_act_chunking.diagnostics.data.ways import count_ways
 
 

@@ -1,0 +1,1 @@
+"""What a checkpoint would do where demonstrators were; without a simulation."""
