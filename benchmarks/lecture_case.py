@@ -71,7 +71,7 @@ def main() -> None:
                 *("--env.velocities=false", "--env.success=final", "--episodes", str(args.episodes)),
                 *("--dataset", str(recording.dataset), "--output-dir", str(args.folder / "episodes" / name)),
                 *("--json", str(args.results / f"lecture_case_{name}.json")),
-                *("--out", str(args.pictures / f"lecture_case_{name}.png")),
+                *(("--out", str(args.pictures / f"lecture_case_{name}.png")) if settings else ()),
             ]
         )
 

@@ -292,6 +292,24 @@ def pushed() -> Iterator[str]:
     yield f"| {' | '.join(shown(entry['successes'], entry['episodes']) for entry in entries)} |"
 
 
+STRANGER = {
+    "act_one_action": "`act_chunked`, one action a query",
+    "diffusion_one_action": "`diffusion_chunked`, one action a token",
+    "lerobot_act_1e-3": "LeRobot's `act`, rate 1e-3",
+}
+
+
+def of_a_stranger() -> Iterator[str]:
+    """Policies on a world and a demonstrator that are not ours."""
+    yield "| policy | training steps | training seed | CPU minutes | successes |"
+    yield "|" + "---|" * 5
+    for entry in sorted(read("stranger"), key=lambda entry: (entry["policy"], entry["seed"])):
+        name, train, of = entry["policy"], entry["train"], entry["eval"]
+        told = STRANGER.get(name) or f"`{name}`"
+        minutes, done = f"{train['cpu_minutes']:.1f}", shown(of["successes"], of["episodes"])
+        yield f"| {told} | {train['steps']} | {entry['seed']} | {minutes} | {done} |"
+
+
 def with_tables(text: str) -> str:
     """The page with its tables as the results have them."""
     tables = {
@@ -305,6 +323,7 @@ def with_tables(text: str) -> str:
         "intervals": by_interval(),
         "pushed": pushed(),
         "fetch": on_fetch(),
+        "stranger": of_a_stranger(),
     }
     for name, rows in tables.items():
         mark = f"<!-- {name}: python benchmarks/operator_table.py -->"

@@ -233,6 +233,8 @@ class Workshop:
     def cell(self, task: str, kind: str, name: str) -> dict[str, Any]:
         """What is said of one policy."""
         fault, started = FAULTS[name], time.process_time()
+        out = self.folder / task / "diagnosed" / kind / name.replace(" ", "_").replace(",", "")
+        shutil.rmtree(out, ignore_errors=True)  # of another version of this tool, perhaps
         arguments = {"task": CUBE} if task == CUBE else {**fault.environment}
         spec = EnvironmentSpec("aloha_sim" if task == CUBE else "planted_courier", arguments)
         report = diagnose(
@@ -241,7 +243,7 @@ class Workshop:
                 spec,
                 episodes=fault.episodes,
                 most=MOST,
-                output_dir=self.folder / task / "diagnosed" / kind / name.replace(" ", "_").replace(",", ""),
+                output_dir=out,
             )
         )
         content = report.to_json()

@@ -138,7 +138,7 @@ def reader_incompatibility() -> str | None:
             DatasetReader.__init__: ("hf_dataset", "delta_indices", "_absolute_to_relative_idx", "_meta"),
             DatasetReader.get_item: (
                 *("hf_dataset", "delta_indices"),
-                *("_query_hf_dataset", "_get_query_timestamps"),
+                *("_query_hf_dataset", "_get_query_timestamps", "_query_videos", "_image_transforms"),
             ),
             Dataset.__init__: ("_format_kwargs",),
         }

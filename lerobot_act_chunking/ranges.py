@@ -118,6 +118,8 @@ RANGES: dict[str, Range] = {
     "spatial_softmax_num_keypoints": Range(1, 2**12),
     "history_image_grid": Range(1, 64),
     "random_shift": Range(0, 10**4),
+    "resize_shape": Range(1, 10**4),
+    "crop_shape": Range(1, 10**4),
     # act_chunked.
     "history_dropout": _FRACTION,
     "teacher_dropout": _FRACTION,

@@ -25,9 +25,12 @@ def requirements(lines):
 
 
 DECLARED = requirements(PROJECT["project"]["dependencies"])
-OPTIONAL = requirements(
-    line for extra in PROJECT["project"]["optional-dependencies"].values() for line in extra
-)
+EXTRAS = PROJECT["project"]["optional-dependencies"].values()
+OPTIONAL = {
+    name: each
+    for name, each in requirements(line for extra in EXTRAS for line in extra).items()
+    if name not in DECLARED  # an extra of LeRobot's
+}
 TESTED_WITH = requirements(PROJECT["tool"]["uv"]["constraint-dependencies"])
 
 

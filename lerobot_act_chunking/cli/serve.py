@@ -24,14 +24,13 @@ def serve_command(
 
     The client is LeRobot 0.6's own, unchanged. Stop it with Ctrl-C: the robot then holds its last position.
     """
-    from lerobot_act_chunking.errors import ConfigurationError, need
+    from lerobot_act_chunking.errors import ConfigurationError
 
     if find_spec("lerobot.async_inference") is None:
         raise ConfigurationError(
             "this LeRobot has a server of its own, which takes the types of plug-ins: lerobot-policy-server "
             "--help"
         )
-    need("grpc", "act-chunking serve", "lerobot[async]")
     _run(checkpoints, host, port)
 
 

@@ -1,7 +1,7 @@
 """LeRobot's batch dictionaries as typed tensors; all access to them goes through here."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import torch
@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from lerobot_act_chunking.errors import FeatureError
+from lerobot_act_chunking.nn.image_view import ImageView
 
 ACTION = "action"
 ACTION_IS_PAD = "action_is_pad"
@@ -16,11 +17,17 @@ ACTION_IS_PAD = "action_is_pad"
 
 @dataclass(frozen=True)
 class FeatureSpec:
-    """Keys and shapes (without the batch axis) that a policy reads."""
+    """Keys and shapes (without the batch axis) that a policy reads, and what it sees of images."""
 
     vectors: Mapping[str, tuple[int, ...]]
     images: Mapping[str, tuple[int, ...]]
     action: tuple[int, ...]
+    view: ImageView = field(default_factory=ImageView)
+
+    @property
+    def seen(self) -> dict[str, tuple[int, ...]]:
+        """Shapes of what the policy's network gets of the images."""
+        return {key: self.view.seen_shape(shape) for key, shape in self.images.items()}
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -63,14 +70,18 @@ class Observation:
         spec: FeatureSpec,
         n_obs_steps: int,
         target: "ActionTarget | None" = None,
+        generator: torch.Generator | None = None,
     ) -> "Observation":
         """Pick the observations (B, n_obs_steps, ...) of ``spec``; LeRobot loads one step without the axis.
+
+        Images come as the cameras give them, or resized already (`fast_chunks`).
 
         Args:
             batch: LeRobot's.
             spec: what the policy reads.
             n_obs_steps: observations in the window.
             target: the actions of the same batch, in training.
+            generator: draws which part of an image is seen; by default it is the middle.
 
         Raises:
             FeatureError: naming a key that is absent or has another shape than the policy was built for.
@@ -79,9 +90,12 @@ class Observation:
         targets = {} if target is None else {ACTION: target.actions}
         n_targets = None if target is None else len(target.actions)
         vectors = {key: _take(batch, key, shape, steps, n_targets) for key, shape in spec.vectors.items()}
-        images = {key: _take(batch, key, shape, steps) for key, shape in spec.images.items()}
+        images = {
+            key: _take(batch, key, _arriving(batch, key, shape, spec.view), steps)
+            for key, shape in spec.images.items()
+        }
         _check_batch_sizes({**targets, **vectors, **images})
-        return cls(vectors, images)
+        return cls(vectors, {key: spec.view(value, generator) for key, value in images.items()})
 
     def latest(self) -> "Observation":
         """The current step's observations (B, ...) of a window."""
@@ -195,6 +209,13 @@ def _take(
         f"{key!r} has shape {tuple(value.shape)}, but the policy was built for {expected}, B samples"
         + (": give a single one a batch axis, with unsqueeze(0)" if alone else "")
     )
+
+
+def _arriving(batch: Mapping[str, Any], key: str, shape: tuple[int, ...], view: ImageView) -> tuple[int, ...]:
+    """The shape in which a camera's images come: the camera's, or what it is resized to."""
+    value, resized = batch.get(key), view.resized_shape(shape)
+    is_resized = isinstance(value, Tensor) and tuple(value.shape[-len(resized) :]) == resized
+    return resized if is_resized else shape
 
 
 def _shape(*sizes: int | str) -> str:

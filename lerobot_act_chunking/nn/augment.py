@@ -1,7 +1,7 @@
 """Random shifts of training images."""
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int64, Shaped
 from torch import Tensor
 
 
@@ -20,9 +20,16 @@ def random_shift(
     """
     height, width = images.shape[-2:]
     rows, columns = (_sources(len(images), n, max_shift, generator) for n in (height, width))
+    return take_pixels(images, rows, columns)
+
+
+def take_pixels(
+    images: Shaped[Tensor, "B *H 3 _ _"], rows: Int64[Tensor, "B h"], columns: Int64[Tensor, "B w"]
+) -> Shaped[Tensor, "B *H 3 h w"]:
+    """Of each sample's images these rows and columns."""
     batch = torch.arange(len(images), device=images.device)[:, None, None]
-    moved = images.flatten(1, -3)[batch, :, rows[:, :, None], columns[:, None, :]]  # (B, h, w, C)
-    return moved.movedim(-1, 1).reshape(images.shape)
+    taken = images.flatten(1, -3)[batch, :, rows[:, :, None], columns[:, None, :]]  # (B, h, w, C)
+    return taken.movedim(-1, 1).reshape(*images.shape[:-2], rows.shape[1], columns.shape[1])
 
 
 def _sources(n_samples: int, size: int, max_shift: int, generator: torch.Generator) -> Tensor:

@@ -17,7 +17,7 @@ from lerobot_act_chunking.data.episode_modes import require_recorded_modes
 from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.errors import ConfigurationError, FeatureError
 from lerobot_act_chunking.execution.settings import ExecutionSettings
-from lerobot_act_chunking.nn.vision import check_backbone
+from lerobot_act_chunking.policies.camera_fields import RANDOM_BACKBONE, CameraFields
 from lerobot_act_chunking.policies.dataset_reading import DatasetReading, Features
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields, check_gripper_dims
 from lerobot_act_chunking.policies.field_checks import check_fields
@@ -32,7 +32,9 @@ IN_SECONDS = ("prediction_dt", "horizon_s", "replan_s")
 
 
 @dataclass
-class ChunkedConfig(DatasetReading, ExecutionFields, RemembersTraining, GivenSettings, ChecksPush):
+class ChunkedConfig(
+    DatasetReading, ExecutionFields, CameraFields, RemembersTraining, GivenSettings, ChecksPush
+):
     """Settings of every policy that predicts chunks from any mix of state vectors and cameras.
 
     Lengths may be given in seconds instead of control steps. A configuration cannot see the dataset, so
@@ -50,13 +52,6 @@ class ChunkedConfig(DatasetReading, ExecutionFields, RemembersTraining, GivenSet
         n_action_steps: how many of a chunk's first actions may be executed [control steps]; by default all.
         normalization_mapping: how each type of feature is normalised; types not named keep the default.
         norm_std_floor: least spread that normalisation divides by, in raw units (0 = none).
-        vision_backbone: ``small_cnn`` for small images on a CPU, torchvision's ``resnet18``, ``resnet34``,
-            ``resnet50``, ``convnext_tiny`` or ``vit_b_16``, ``efficientnet_lite0``, or ``timm:<name>``.
-        pretrained_backbone_weights: ``imagenet`` for ``efficientnet_lite0``, from a package; torchvision's,
-            such as ``ResNet18_Weights.IMAGENET1K_V1``, from torch hub's cache; for timm a file. Nothing is
-            downloaded.
-        backbone_norm: what replaces batch normalisation in the image backbone. Pretrained weights need
-            ``frozen_batch``; without pretrained weights ``frozen_batch`` normalises nothing.
         use_ema: act with an exponential moving average of the weights.
         ema_power: the decay of the moving average after n updates is ``1 - n ** -ema_power``.
         ema_max_value: largest decay of the moving average; use 0.999 for runs under 10 000 steps.
@@ -93,10 +88,6 @@ class ChunkedConfig(DatasetReading, ExecutionFields, RemembersTraining, GivenSet
 
     normalization_mapping: dict[str, NormalizationMode] = PRESET
     norm_std_floor: float = PRESET
-
-    vision_backbone: str = "resnet18"
-    pretrained_backbone_weights: str | None = None
-    backbone_norm: Literal["group", "frozen_batch"] = PRESET
 
     use_ema: bool = False
     ema_power: float = 0.75
@@ -138,7 +129,7 @@ class ChunkedConfig(DatasetReading, ExecutionFields, RemembersTraining, GivenSet
         """
         given = {key: NormalizationMode(mode) for key, mode in (self.normalization_mapping or {}).items()}
         self.normalization_mapping = values["normalization_mapping"] | given
-        for name, value in ({"chunk_stride": 1} | values).items():
+        for name, value in ({"chunk_stride": 1} | RANDOM_BACKBONE | values).items():
             if getattr(self, name) is PRESET:
                 setattr(self, name, value)
         if self.n_action_steps is PRESET:
@@ -146,8 +137,7 @@ class ChunkedConfig(DatasetReading, ExecutionFields, RemembersTraining, GivenSet
         if self.n_action_steps == 1 and self.given("execution") is PRESET:
             self.execution = "open_loop"
         if self.optimizer_lr_backbone is PRESET:
-            pretrained = self.pretrained_backbone_weights is not None
-            self.optimizer_lr_backbone = PRETRAINED_LR if pretrained else self.optimizer_lr
+            self.optimizer_lr_backbone = PRETRAINED_LR if self.starts_pretrained else self.optimizer_lr
 
     def resolve_seconds(self, past_steps: int = 0) -> None:
         """Turn lengths in seconds into control steps. Comes before `fill_in`: what they decide is given.
@@ -200,15 +190,6 @@ class ChunkedConfig(DatasetReading, ExecutionFields, RemembersTraining, GivenSet
         if self.balance_modes == "labels":
             require_recorded_modes(Path(meta.root))
 
-    def check_backbone(self) -> None:
-        """Refuse a backbone that does not exist, and weights with layers they were not trained with."""
-        check_backbone(self.vision_backbone, self.pretrained_backbone_weights)
-        if self.pretrained_backbone_weights is not None and self.backbone_norm != "frozen_batch":
-            raise ConfigurationError(
-                f"pretrained weights need another backbone_norm than {self.backbone_norm}: set "
-                "--policy.backbone_norm=frozen_batch, or --policy.pretrained_backbone_weights=null"
-            )
-
     @property
     def feature_spec(self) -> FeatureSpec:
         """What the policy reads from a batch; ``observation.state`` first, the environment state last."""
@@ -224,6 +205,7 @@ class ChunkedConfig(DatasetReading, ExecutionFields, RemembersTraining, GivenSet
             vectors={key: tuple(inputs[key].shape) for key in vectors},
             images={key: tuple(feature.shape) for key, feature in self.image_features.items()},
             action=tuple(self.action_feature.shape),
+            view=self.image_view,
         )
 
     def validate_features(self) -> None:
@@ -231,7 +213,8 @@ class ChunkedConfig(DatasetReading, ExecutionFields, RemembersTraining, GivenSet
 
         Raises:
             FeatureError: naming what is missing or has an unusable shape.
-            ConfigurationError: if ``gripper_dims`` names dimensions that the action has not.
+            ConfigurationError: if ``gripper_dims`` names dimensions that the action has not, or
+                ``crop_shape`` is larger than images.
         """
         self._check_state_keys()
         spec = self.feature_spec
@@ -247,6 +230,7 @@ class ChunkedConfig(DatasetReading, ExecutionFields, RemembersTraining, GivenSet
                 raise FeatureError(
                     f"{key!r} must be an image of shape (3, height, width), but its shape is {shape}"
                 )
+        self.check_views(spec.images)
         check_gripper_dims(self.gripper_dims, self.action_feature)
 
     def _check_state_keys(self) -> None:

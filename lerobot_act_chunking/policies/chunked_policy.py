@@ -10,7 +10,7 @@ from jaxtyping import Float
 from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor, nn
 
-from lerobot_act_chunking.data.batch import Observation, has_time_axis
+from lerobot_act_chunking.data.batch import ActionTarget, Observation, has_time_axis
 from lerobot_act_chunking.data.window import ObservationWindow
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.background import make_executor
@@ -18,6 +18,9 @@ from lerobot_act_chunking.execution.interpolation import upsample
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.nn.ema import WeightAverage
 from lerobot_act_chunking.policies.acting import acting
+from lerobot_act_chunking.policies.averages import adopt_average
+from lerobot_act_chunking.policies.backbone_choice import choose_backbone
+from lerobot_act_chunking.policies.batch_seeds import BatchSeeds
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
 from lerobot_act_chunking.policies.continuing import ContinuesChunks
 from lerobot_act_chunking.policies.dataset_defaults import fit_to_dataset
@@ -47,7 +50,7 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](
         dataset_meta: LeRobot's metadata of the training data, checked if given. The length and the execution
             of chunks follow from it unless they were given (`fit_to_dataset`), and no more of a chunk is
             executed than its longest episode taught, unless ``n_action_steps`` was given.
-        load_backbone_weights: fill in ``pretrained_backbone_weights``; not if a checkpoint follows.
+        load_backbone_weights: choose and fill in pretrained weights; not if a checkpoint follows.
 
     Raises:
         FeatureError: if inputs or outputs cannot work.
@@ -75,6 +78,8 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](
         super().__init__(config)
         config.validate_features()
         config.keep_what_is_read()
+        if load_backbone_weights:
+            choose_backbone(config)
         if dataset_meta is not None and dataset_meta.episodes is not None:
             config.check_dataset(dataset_meta.features, dataset_meta)
             config.check_fps(dataset_meta.fps)
@@ -96,7 +101,8 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](
             if config.use_ema
             else None
         )
-        self.register_load_state_dict_post_hook(_adopt_average)
+        self.crop_seeds = BatchSeeds() if config.crops_at_random else None
+        self.register_load_state_dict_post_hook(adopt_average)
         self._episodes = Episodes()
         self.reset()
 
@@ -166,6 +172,14 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](
             return self._prepare(self._window.stack(envs), envs, self.config.n_action_steps, delay)
 
         return self._action_queue.advance(prepare, observation.batch_size)
+
+    def _training_window(self, batch: Batch, target: ActionTarget) -> Observation:
+        """The observations (B, H, ...) of a batch to learn from; training sees random parts of images."""
+        generator = None
+        if self.training and self.crop_seeds is not None:
+            generator = self.crop_seeds.next_generator(target.actions.device)
+        n_steps = self.config.n_obs_steps
+        return Observation.window_from_lerobot(batch, self.feature_spec, n_steps, target, generator)
 
     def _window_of(self, batch: Batch, *, alone: bool = False) -> Observation:
         """The observations (B, H, ...) to predict from.
@@ -278,17 +292,3 @@ def indices(envs: Sequence[int] | Tensor) -> Tensor:
     """Environments, given as indices or as a mask over all, as indices on the CPU."""
     envs = torch.as_tensor(envs, device="cpu")
     return envs.nonzero()[:, 0] if envs.dtype == torch.bool else envs.to(torch.int64)
-
-
-def _adopt_average(policy: ChunkedPolicy[Any, Any], incompatible: Any) -> None:
-    """Let a checkpoint and the policy that loads it differ in `use_ema`.
-
-    After weights without an average, one starts at them; an average that is not wanted is left behind.
-    """
-    without_average = [key for key in incompatible.missing_keys if not key.startswith("ema.")]
-    if policy.ema is not None and len(without_average) < len(incompatible.missing_keys):
-        policy.ema.restart(policy.model)
-    incompatible.missing_keys[:] = without_average
-    if policy.ema is None:
-        unexpected = [key for key in incompatible.unexpected_keys if not key.startswith("ema.")]
-        incompatible.unexpected_keys[:] = unexpected

@@ -22,7 +22,8 @@ _KINDS = {int: "a whole number", float: "a finite number", bool: "true or false"
 def check_fields(config: PreTrainedConfig) -> None:
     """Refuse a value that its field's annotation, its choices or its `RANGES` do not allow.
 
-    Fields that are None by default may be None: the preset decides them later, or they are left out.
+    Fields that are None by default may be None: the preset decides them later, or they are left out. So may
+    those whose annotation has it.
 
     Raises:
         ConfigurationError: naming the field, the value and what is allowed.
@@ -42,14 +43,22 @@ def check_fields(config: PreTrainedConfig) -> None:
 @cache
 def own_fields(config_class: type) -> tuple[tuple[str, Any, bool], ...]:
     """Name and annotation of each field that is ours, and whether it may be None."""
-    hints = {name: _without_none(hint) for name, hint in get_type_hints(config_class).items()}
+    hints = get_type_hints(config_class)
     lerobots = {each.name for each in fields(PreTrainedConfig)} - set(_SHARED)
     ours = [each for each in fields(config_class) if each.name not in lerobots]
-    return tuple((each.name, hints[each.name], each.default is None) for each in ours)
+    return tuple(
+        (each.name, _without_none(hints[each.name]), each.default is None or has_none(hints[each.name]))
+        for each in ours
+    )
+
+
+def has_none(hint: Any) -> bool:
+    """Whether an annotation allows None."""
+    return get_origin(hint) in (Union, UnionType) and NoneType in get_args(hint)
 
 
 def _without_none(hint: Any) -> Any:
-    if get_origin(hint) in (Union, UnionType):
+    if has_none(hint):
         (hint,) = (each for each in get_args(hint) if each is not NoneType)
     return hint
 

@@ -80,7 +80,9 @@ def settings_of(policy_type: str, preset: str | None = None) -> list[Setting]:
             name=name,
             group=_group(config_class, name),
             meaning=meanings[name],
-            allowed=_allowed(config_class, name, hint, optional and _undecided(name, columns)),
+            allowed=_allowed(
+                config_class, name, hint, optional and _may_stay_null(config_class, name, columns)
+            ),
             values={column: values[name] for column, values in columns.items()},
         )
         for name, hint, optional in own_fields(config_class)
@@ -142,9 +144,10 @@ def _plain(value: Any) -> str:
     return str(value)
 
 
-def _undecided(name: str, columns: Mapping[str, Mapping[str, str]]) -> bool:
+def _may_stay_null(config_class: type[Any], name: str, columns: Mapping[str, Mapping[str, str]]) -> bool:
     """Whether null is a value of its own, and does not stand for what the preset decides."""
-    return any(values[name].startswith(NOTHING) for values in columns.values())
+    (default,) = (each.default for each in fields(config_class) if each.name == name)
+    return default is not None or any(values[name].startswith(NOTHING) for values in columns.values())
 
 
 def _allowed(config_class: type, name: str, hint: Any, nullable: bool) -> str:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import grpc
 import torch
 from lerobot.async_inference import helpers
 from lerobot.configs import FeatureType
@@ -15,10 +14,11 @@ from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from lerobot.transport import services_pb2, services_pb2_grpc
 from lerobot.transport.utils import receive_bytes_in_chunks
 
-from lerobot_act_chunking.errors import ActChunkingError, ConfigurationError
+from lerobot_act_chunking.errors import ActChunkingError, ConfigurationError, need
 from lerobot_act_chunking.policies.loading import check_complete, explained, read_config
 from lerobot_act_chunking.serving.messages import read
 
+grpc = need("grpc", "act-chunking serve", "lerobot_policy_act_chunking[serve]")
 _logger_with_file = helpers.get_logger
 helpers.get_logger = lambda name, _=True: _logger_with_file(
     name, False
@@ -173,7 +173,7 @@ def _told(context: Any, logger: Any) -> Iterator[None]:
         context.abort(grpc.StatusCode.INVALID_ARGUMENT, str(error))
 
 
-def start(served: list[Served], host: str, port: int) -> grpc.Server:
+def start(served: list[Served], host: str, port: int) -> Any:
     """A server that answers clients in threads of its own.
 
     Args:

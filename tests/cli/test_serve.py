@@ -1,5 +1,7 @@
 """``act-chunking serve``: what it prints, and what it refuses before anything listens."""
 
+import sys
+
 import pytest
 
 from lerobot_act_chunking.cli.main import main
@@ -11,9 +13,10 @@ def test_a_checkpoint_that_is_not_there_is_refused(capsys, tmp_path):
 
 
 def test_without_the_extra_the_pip_command_is_named(capsys, monkeypatch, tmp_path):
-    monkeypatch.setitem(__import__("sys").modules, "grpc", None)
+    monkeypatch.setitem(sys.modules, "grpc", None)
+    monkeypatch.delitem(sys.modules, "lerobot_act_chunking.serving.server", raising=False)
     assert main(["serve", str(tmp_path)]) == 1
-    assert "pip install 'lerobot[async]'" in capsys.readouterr().err
+    assert "pip install 'lerobot_policy_act_chunking[serve]'" in capsys.readouterr().err
 
 
 def test_a_lerobot_with_another_server_is_said_to_have_one(capsys, monkeypatch, tmp_path):

@@ -21,7 +21,6 @@ from lerobot_act_chunking.policies.saving import save_checkpoint
 from lerobot_act_chunking.policies.temporal_ensemble.wrapping import load_wrapped
 from lerobot_act_chunking.serving.server import Served, start
 
-pytest.importorskip("grpc")
 FPS, N_ACTIONS = 60, 4
 STATISTICS = {
     "observation.state": {"mean": torch.zeros(6), "std": torch.ones(6)},

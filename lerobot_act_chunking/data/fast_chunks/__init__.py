@@ -3,7 +3,7 @@
 LeRobot 0.6.1 converts every column of every row of a chunk through Python numbers, 6 ms for one sample of 100
 steps. Here the numbers are arrays, read once, and a batch is gathered at once. The items are the same: keys
 and their order, types, shapes, values, ``*_is_pad``, ``task``. Images and videos still come out of LeRobot's
-own code.
+own code; what it decoded of a video is kept on the disk, at the size that a policy asks for (see ``frames``).
 
 **Where it enters LeRobot.** ``install`` replaces three names in ``lerobot.datasets.factory``, the module from
 which ``lerobot-train`` gets its datasets, and nothing else:

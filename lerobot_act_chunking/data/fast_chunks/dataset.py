@@ -14,6 +14,8 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot_act_chunking.data.fast_chunks.agreement import differing_key
 from lerobot_act_chunking.data.fast_chunks.batch import GatheredBatch, Item
 from lerobot_act_chunking.data.fast_chunks.factory_patch import SWITCH
+from lerobot_act_chunking.data.fast_chunks.frames.filling import fill_in_background
+from lerobot_act_chunking.data.fast_chunks.frames.source import Frames
 from lerobot_act_chunking.data.fast_chunks.reader import ChunkReader, parts
 from lerobot_act_chunking.data.fast_chunks.reading import Reading
 from lerobot_act_chunking.data.fast_chunks.rows import check_rows
@@ -39,6 +41,7 @@ class FastChunkDataset(LeRobotDataset):
     _chunks: ChunkReader | None = None
     _blind: ChunkReader | None = None
     _built_from: tuple[object, ...] | None = None
+    _frames: Frames | None = None
 
     def __init__(self, *args: Any, **kwargs: Any):
         super().__init__(*args, **kwargs)
@@ -46,6 +49,7 @@ class FastChunkDataset(LeRobotDataset):
         self._reading = stamps if isinstance(stamps, Reading) else None
         if self._reading is not None:
             check_rows(self, self._reading)
+        self._open_frames()
         _ = self.chunks  # now, so that forked data workers share the arrays instead of building their own
 
     @property
@@ -60,9 +64,21 @@ class FastChunkDataset(LeRobotDataset):
             self._build(reader)
         return self._chunks
 
+    def _open_frames(self) -> None:
+        """Videos that are read as bytes, as LeRobot's factory asks for, come out of the frame cache."""
+        reader: Any = self.reader
+        if self.writer is not None or reader is None or not reader._return_uint8:
+            return
+        left_out = {*self._left_out(), *self.meta.depth_keys}
+        cameras = [key for key in self.meta.video_keys if key not in left_out]
+        if cameras:
+            size = None if self._reading is None else self._reading.resize_shape
+            self._frames = Frames(reader, cameras, size, len(self))
+            fill_in_background(self, self._frames)
+
     def _build(self, reader: DatasetReader) -> None:
         try:
-            chunks = ChunkReader(reader, self._left_out())
+            chunks = ChunkReader(reader, self._left_out(), frames=self._frames)
             key = differing_key(chunks, reader)
             self._blind = None if self._reading is None else chunks.without_cameras(reader)
         except Exception as error:

@@ -1,7 +1,7 @@
 """LeRobot's items, gathered from columnar memory."""
 
 import copy
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 import datasets
@@ -13,6 +13,7 @@ from torch import Tensor
 
 from lerobot_act_chunking.data.fast_chunks.batch import GatheredBatch, Item
 from lerobot_act_chunking.data.fast_chunks.columns import Column, has_gaps, numeric_columns
+from lerobot_act_chunking.data.fast_chunks.frames.source import Frames, Moments
 from lerobot_act_chunking.data.fast_chunks.windows import EpisodeWindows
 
 
@@ -21,12 +22,14 @@ class ChunkReader:
 
     Numbers come from arrays. Other columns (images, text, language) go through LeRobot's own row conversion,
     and what concerns cameras (decoding, transforms, depth units) through LeRobot's own ``get_item``, which is
-    handed the gathered row in place of its table.
+    handed the gathered row in place of its table. Frames of videos come from a source of their own, if there
+    is one; image transforms are then still LeRobot's.
 
     Args:
         reader: LeRobot's.
         left_out: cameras and columns without numbers that items need not hold.
         columns: the numeric columns by key, if somebody has them already.
+        frames: the source of videos' frames.
 
     ``whole`` tells whether items need nothing but what is gathered.
 
@@ -40,6 +43,7 @@ class ChunkReader:
         reader: DatasetReader,
         left_out: Collection[str] = (),
         columns: dict[str, Column] | None = None,
+        frames: Frames | None = None,
     ):
         self.left_out = frozenset(left_out)
         self._table: Any = reader.hf_dataset
@@ -68,8 +72,12 @@ class ChunkReader:
         self._slow_keys = [key for key in slow if key not in self._steps]
         self._slow_rows = self._table.select_columns(self._slow_keys)
         self._slow_chunks = {key: self._table.select_columns([key]) for key in slow if key in self._steps}
+        self._frames = frames
+        from_source = set() if frames is None else set(frames.cameras)
         cameras = set(meta.camera_keys) - self.left_out
-        self.whole = not cameras and self._steps.keys() <= self.columns.keys()
+        if reader._image_transforms is None:
+            cameras -= from_source
+        self.whole = not cameras and self._steps.keys() - from_source <= self.columns.keys()
 
     def __len__(self) -> int:
         return len(self._table)
@@ -81,10 +89,10 @@ class ChunkReader:
 
     def items(self, reader: DatasetReader, rows: Int64[np.ndarray, " B"]) -> GatheredBatch | list[Item]:
         """What ``reader.get_item`` returns for each of these rows of its table."""
-        gathered = GatheredBatch(self._gather(rows))
+        gathered = GatheredBatch(self._gather(reader, rows))
         return gathered if self.whole else [self._finish(reader, item) for item in gathered]
 
-    def _gather(self, rows: Int64[np.ndarray, " B"]) -> dict[str, Tensor | list[Any]]:
+    def _gather(self, reader: DatasetReader, rows: Int64[np.ndarray, " B"]) -> dict[str, Tensor | list[Any]]:
         """All values of the items, key by key in LeRobot's order, each of length B."""
         index, episode, task = (
             self.columns[key].take(rows) for key in ("index", "episode_index", "task_index")
@@ -93,10 +101,11 @@ class ChunkReader:
             steps: self._windows.rows(index, episode, offsets) for steps, offsets in self._offsets.items()
         }
         slow = [self._slow_rows[row] for row in rows.tolist()] if self._slow_keys else []
-        gathered: dict[str, Tensor | list[Any]] = {}
+        frame_rows = {steps: each for steps, (each, _) in windows.items()}
+        gathered: dict[str, Tensor | list[Any]] = {**self._gather_frames(reader, rows, episode, frame_rows)}
         for key in self._keys:
             if key in self.columns:
-                wanted = windows[self._steps[key]][0] if key in self._steps else rows
+                wanted = frame_rows[self._steps[key]] if key in self._steps else rows
                 gathered[key] = self.columns[key].gather(wanted)
             elif key in self._slow_chunks:
                 gathered[key] = [None] * len(rows)  # keeps the place of what LeRobot fills in afterwards
@@ -107,15 +116,47 @@ class ChunkReader:
         gathered["task"] = [self._tasks[number] for number in task.tolist()]
         return gathered
 
+    def _gather_frames(
+        self,
+        reader: DatasetReader,
+        rows: Int64[np.ndarray, " B"],
+        episode: Int64[np.ndarray, " B"],
+        windows: Mapping[tuple[int, ...], Int64[np.ndarray, "B T"]],
+    ) -> dict[str, Tensor]:
+        """Frames (B, T, 3, h, w) of videos; as in LeRobot without the time axis if T is 1."""
+        if self._frames is None:
+            return {}
+        wanted = {
+            key: windows[self._steps[key]] if key in self._steps else rows[:, None]
+            for key in self._frames.cameras
+        }
+        moments = {key: Moments.of_rows(self.columns, each) for key, each in wanted.items()}
+        frames = self._frames.gather(reader, episode, moments)
+        return {key: value[:, 0] if value.shape[1] == 1 else value for key, value in frames.items()}
+
     def _finish(self, reader: DatasetReader, item: Item) -> Item:
         """Adds what only LeRobot's code provides: cameras, and chunks of columns that hold no numbers."""
+        row = dict(item)
+        frames = {key: row.pop(key) for key in (() if self._frames is None else self._frames.cameras)}
         rest: Any = copy.copy(reader)
-        rest.hf_dataset = GatheredRow(dict(item), self.columns["timestamp"], self._slow_chunks)
+        rest._query_videos = _with_frames(reader, frames)
+        rest.hf_dataset = GatheredRow(row, self.columns["timestamp"], self._slow_chunks)
         rest._meta = MetadataWithout(rest._meta, self.left_out)
         rest.delta_indices = {
             key: list(steps) for key, steps in self._steps.items() if key not in self.columns
         } or None
         return rest.get_item(item["index"])
+
+
+def _with_frames(reader: DatasetReader, frames: Mapping[str, Tensor]) -> Callable[..., dict[str, Tensor]]:
+    """LeRobot's ``_query_videos``, which decodes; these frames are there already."""
+
+    def query(timestamps: dict[str, list[float]], episode: int) -> dict[str, Tensor]:
+        rest = {key: each for key, each in timestamps.items() if key not in frames}
+        found = {**frames, **(reader._query_videos(rest, episode) if rest else {})}
+        return {key: found[key] for key in timestamps}
+
+    return query
 
 
 class MetadataWithout:
@@ -159,6 +200,7 @@ def parts(reader: DatasetReader) -> tuple[object, ...]:
         getattr(table, "_format_kwargs", None),  # replaced by every set_transform and set_format
         reader.delta_indices,
         reader._absolute_to_relative_idx,
+        reader._image_transforms,
         meta.episodes,
         meta.tasks,
         torch.get_default_dtype(),

@@ -7,6 +7,7 @@ from typing import Any
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 
 from lerobot_act_chunking.data.fast_chunks.image_switch import ImageSwitch
+from lerobot_act_chunking.nn.image_view import Size
 
 Timestamps = dict[str, list[float]] | None
 Resolve = Callable[..., Timestamps]
@@ -22,6 +23,7 @@ class Reading(dict[str, list[float]]):
         columns: keys of the dataset that are read; items also hold LeRobot's own (``index``, ...).
         leave_out: the setting that leaves the given columns out, None if there is none.
         image_switch: tells for which batches images are wanted; None for always.
+        resize_shape: (height, width) that the policy resizes images to; None for as they are.
     """
 
     def __init__(
@@ -30,11 +32,13 @@ class Reading(dict[str, list[float]]):
         columns: frozenset[str],
         leave_out: Callable[[Iterable[str]], str | None],
         image_switch: ImageSwitch | None,
+        resize_shape: Size | None = None,
     ):
         super().__init__({key: steps for key, steps in timestamps.items() if key in columns})
         self.columns = columns
         self.leave_out = leave_out
         self.image_switch = image_switch
+        self.resize_shape = resize_shape
 
 
 def is_ours(config: object) -> bool:
@@ -68,7 +72,9 @@ def with_reading(resolve: Resolve) -> Resolve:
         read = config.keys_read(features)
         columns = frozenset(key for key, name in names.items() if name in read)
         leave_out = functools.partial(_leave_out, config, names, features)
-        return Reading(timestamps or {}, columns, leave_out, getattr(config, "image_switch", None))
+        view = getattr(config, "image_view", None)
+        size = None if view is None else view.resize_shape
+        return Reading(timestamps or {}, columns, leave_out, getattr(config, "image_switch", None), size)
 
     return resolve_read
 

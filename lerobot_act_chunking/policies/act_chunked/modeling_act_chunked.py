@@ -108,7 +108,7 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
         config = self.config
         target = ActionTarget.from_lerobot(batch, self.feature_spec, config.action_delta_indices)
         actions = hold_padding(target.actions, target.is_pad)
-        window = Observation.window_from_lerobot(batch, self.feature_spec, config.n_obs_steps, target)
+        window = self._training_window(batch, target)
         decoder_inputs, mask, given, ignored = actions, None, None, target.is_pad
         if self.training and generator is not None:
             window = self._augmented(window, generator)

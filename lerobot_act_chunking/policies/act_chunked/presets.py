@@ -35,7 +35,7 @@ def preset_values(config: "ActChunkedConfig") -> dict[str, Any]:
 def _follow_given(config: "ActChunkedConfig", values: dict[str, Any]) -> dict[str, Any]:
     """Values that fit to those that are given."""
     if config.preset != "paper":
-        values["backbone_norm"] = "frozen_batch" if config.pretrained_backbone_weights else "group"
+        values["backbone_norm"] = "frozen_batch" if config.starts_pretrained else "group"
         values["dim_feedforward"] = 4 * (config.dim_model or values["dim_model"])
         chunk_size = config.chunk_size or values["chunk_size"]
         actions_per_query = values["actions_per_query"] // (config.chunk_stride or 1)

@@ -167,8 +167,7 @@ class DiffusionChunkedConfig(ChunkedConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        pretrained = self.pretrained_backbone_weights is not None
-        values = preset_values(self.preset, objective=self.objective, pretrained=pretrained)
+        values = preset_values(self.preset, objective=self.objective, pretrained=self.starts_pretrained)
         values = {"n_obs_steps": 1, **values}
         aligned = (self.align or values["align"]) == "first_obs"
         self.resolve_seconds((self.n_obs_steps or values["n_obs_steps"]) - 1 if aligned else 0)

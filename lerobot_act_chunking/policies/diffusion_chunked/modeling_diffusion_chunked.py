@@ -66,8 +66,7 @@ class DiffusionChunkedPolicy(ChunkedPolicy[DiffusionChunkedConfig, DiffusionNetw
             DatasetError: if the loss is not finite, naming the first key that holds a NaN or an infinity.
         """
         target = ActionTarget.from_lerobot(batch, self.feature_spec, self.config.action_delta_indices)
-        n_steps = self.config.n_obs_steps
-        window = Observation.window_from_lerobot(batch, self.feature_spec, n_steps, target)
+        window = self._training_window(batch, target)
         actions = hold_padding(target.actions, target.is_pad)
         draws = self.training_noise(actions)
         error = self._error(window, actions, draws)

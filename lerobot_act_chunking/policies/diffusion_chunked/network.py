@@ -37,12 +37,12 @@ def _condition(config: DiffusionChunkedConfig, weights: str | None) -> Condition
         make_backbone(config.vision_backbone, config.backbone_norm, weights) if features.images else None
     )
     if DENOISERS[config.denoiser].reads_tokens:
-        cameras = None if backbone is None else CameraTokens(features.images, config.dim_model, *backbone)
+        cameras = None if backbone is None else CameraTokens(features.seen, config.dim_model, *backbone)
         return ConditionTokens(dims, config.n_obs_steps, cameras, config.dim_model, null_features=dropped)
     cameras = (
         None
         if backbone is None
-        else CameraKeypoints(features.images, config.spatial_softmax_num_keypoints, *backbone)
+        else CameraKeypoints(features.seen, config.spatial_softmax_num_keypoints, *backbone)
     )
     return ConditionVector(dims, config.n_obs_steps, cameras, null_features=dropped)
 

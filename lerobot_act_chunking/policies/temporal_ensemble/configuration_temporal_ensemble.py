@@ -11,6 +11,7 @@ from lerobot.optim import LRSchedulerConfig, OptimizerConfig
 
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.settings import ExecutionSettings, Mode
+from lerobot_act_chunking.policies.backbone_choice import choose_backbone
 from lerobot_act_chunking.policies.chunk_length import chunk_length
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
 from lerobot_act_chunking.policies.dataset_defaults import fit_to_dataset
@@ -115,6 +116,13 @@ class TemporalEnsembleConfig(ExecutionFields, RemembersTraining, ChecksPush):
                 inner, meta, lambda each: self.resolve_execution(chunk_length(each), self.n_action_steps)
             )
             inner.settle(**{inner.length_name: getattr(inner, inner.length_name)})  # it must not choose again
+            self.inner = self._encoded(inner)
+
+    def choose_backbone(self) -> None:
+        """Decide what ``pretrained_backbone_weights=auto`` of an inner policy of this package stands for."""
+        inner = self.inner_config
+        if isinstance(inner, ChunkedConfig):
+            choose_backbone(inner)
             self.inner = self._encoded(inner)
 
     @property

@@ -55,6 +55,8 @@ class TemporalEnsemblePolicy(WithModelCard, PreTrainedPolicy):
         super().__init__(config)
         config.validate_features()
         self.config = config
+        if load_inner and config.inner_source is None:
+            config.choose_backbone()
         meta = dataset.get("dataset_meta")
         if meta is not None and meta.episodes is not None and load_inner and config.inner_source is None:
             config.fit_to_dataset(meta)

@@ -159,8 +159,7 @@ class VqbetChunkedConfig(ChunkedConfig):
         A configuration from a checkpoint has all its values, and the file may be gone.
         """
         self.resolve_seconds()
-        pretrained = self.pretrained_backbone_weights is not None
-        values = preset_values(self.preset, tokenizer=self.tokenizer, pretrained=pretrained)
+        values = preset_values(self.preset, tokenizer=self.tokenizer, pretrained=self.starts_pretrained)
         if self.tokenizer_path is not None and any(getattr(self, name) is PRESET for name in values):
             self._adopt(read_info(Path(self.tokenizer_path)))
         self.fill_in(values)

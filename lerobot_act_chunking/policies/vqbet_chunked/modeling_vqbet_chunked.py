@@ -129,9 +129,7 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
             loss, metrics = self._tokenizer_loss(chunks, is_pad)
             losses.append(loss)
         if not losses or self.tokenizer_phase.joint:
-            n_steps = self.config.n_obs_steps
-            window = Observation.window_from_lerobot(batch, self.feature_spec, n_steps, target)
-            loss, of_policy = self._policy_loss(window, chunks, is_pad)
+            loss, of_policy = self._policy_loss(self._training_window(batch, target), chunks, is_pad)
             losses.append(loss)
             metrics |= of_policy
             keys, rate = self.feature_spec.keys, "optimizer_lr"

@@ -111,5 +111,5 @@ def _history(config: VqbetChunkedConfig, weights: str | None) -> HistoryTokens:
     cameras = None
     if features.images:
         backbone = make_backbone(config.vision_backbone, config.backbone_norm, weights)
-        cameras = CameraKeypoints(features.images, config.spatial_softmax_num_keypoints, *backbone)
+        cameras = CameraKeypoints(features.seen, config.spatial_softmax_num_keypoints, *backbone)
     return HistoryTokens(dims, cameras, config.gpt_hidden_dim)

@@ -186,8 +186,7 @@ def test_the_same_actions_over_a_rollout(monkeypatch):
 DIFFERENT = {
     "action_chunk_size": "chunk_size, below",
     "normalization_mapping": "ours also has environment states, below",
-    "crop_shape": "images are cropped by LeRobot's transforms of datasets, or not at all",
-    "crop_is_random": "as above",
+    "crop_shape": "no preset crops: LeRobot's 84 x 84 is made for images of 96 x 96",
     "pretrained_backbone_weights": "never downloaded: given, or none",
     "use_group_norm": "backbone_norm",
     "gpt_block_size": "follows from the tokens that there are",
