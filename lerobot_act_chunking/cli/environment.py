@@ -40,9 +40,11 @@ Success = Annotated[
 class EnvironmentCommand(TyperCommand):
     """A command with `Fields`, all of which come to it as ``FIELD=VALUE``."""
 
+    prefix = PREFIX
+
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """As of every command, with each ``--env.name`` as a value of the one option that is declared."""
-        return super().parse_args(ctx, list(_gathered(ctx, args)))
+        return super().parse_args(ctx, list(_gathered(ctx, args, self.prefix)))
 
 
 def asked_environment(
@@ -103,16 +105,16 @@ def _spelled_out(given: Sequence[str]) -> "EnvironmentSpec":
     return EnvironmentSpec(str(env_type), arguments, packages)
 
 
-def _gathered(ctx: Any, args: Sequence[str]) -> Iterator[str]:
+def _gathered(ctx: Any, args: Sequence[str], prefix: str) -> Iterator[str]:
     """Arguments in which ``--env.name=value`` and ``--env.name value`` are ``--env.FIELD=name=value``."""
     rest = iter(args)
     for arg in rest:
         if arg == "--":
             yield arg
             yield from rest
-        elif arg.startswith(PREFIX):
-            name, equals, value = arg.removeprefix(PREFIX).partition("=")
-            yield f"{FIELD}={name}={value if equals else _next(ctx, rest, arg)}"
+        elif arg.startswith(prefix):
+            name, equals, value = arg.removeprefix(prefix).partition("=")
+            yield f"{prefix}FIELD={name}={value if equals else _next(ctx, rest, arg)}"
         else:
             yield arg
 

@@ -9,6 +9,7 @@ import typer
 
 from lerobot_act_chunking.cli import hub
 from lerobot_act_chunking.cli.bandwidth import bandwidth_command
+from lerobot_act_chunking.cli.check import RobotCommand, check_command
 from lerobot_act_chunking.cli.codebook import codebook_command
 from lerobot_act_chunking.cli.compare import compare_command
 from lerobot_act_chunking.cli.data import data_command
@@ -65,6 +66,7 @@ app.command("latent")(latent_command)
 app.command("eval", cls=EnvironmentCommand)(eval_command)
 app.command("modes", cls=EnvironmentCommand)(modes_command)
 app.command("compare")(compare_command)
+app.command("check", cls=RobotCommand)(check_command)
 app.command("diagnose", cls=EnvironmentCommand)(diagnose_command)
 app.command("steps", cls=EnvironmentCommand)(steps_command)
 app.command("codebook")(codebook_command)

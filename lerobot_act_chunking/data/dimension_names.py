@@ -21,9 +21,14 @@ def dimension_names(feature: Mapping[str, Any]) -> tuple[str, ...]:
         that occur more than once are numbered.
     """
     (width,) = feature["shape"]
+    return given_names(feature) or tuple(f"action_{dim}" for dim in range(width))
+
+
+def given_names(feature: Mapping[str, Any]) -> tuple[str, ...]:
+    """As `dimension_names`, but no names where there are none, or not as many as dimensions."""
     names = list(_flat(feature.get("names")))
-    if len(names) != width:
-        return tuple(f"action_{dim}" for dim in range(width))
+    if len(names) != feature["shape"][0]:
+        return ()
     times = Counter(names)
     return tuple(f"{name}_{dim}" if times[name] > 1 else name for dim, name in enumerate(names))
 

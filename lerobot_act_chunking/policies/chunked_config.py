@@ -24,6 +24,7 @@ from lerobot_act_chunking.policies.field_checks import check_fields
 from lerobot_act_chunking.policies.given_settings import GivenSettings
 from lerobot_act_chunking.policies.push_check import ChecksPush
 from lerobot_act_chunking.policies.seconds import to_chunk_size, to_interval, to_stride
+from lerobot_act_chunking.policies.trained_on import RemembersTraining
 
 PRESET: Any = None  # default of every field that is decided on construction
 PRETRAINED_LR = 1e-5  # ACT's learning rate of pretrained backbones
@@ -31,7 +32,9 @@ IN_SECONDS = ("prediction_dt", "horizon_s", "replan_s")
 
 
 @dataclass
-class ChunkedConfig(DatasetReading, ExecutionFields, CameraFields, GivenSettings, ChecksPush):
+class ChunkedConfig(
+    DatasetReading, ExecutionFields, CameraFields, RemembersTraining, GivenSettings, ChecksPush
+):
     """Settings of every policy that predicts chunks from any mix of state vectors and cameras.
 
     Lengths may be given in seconds instead of control steps. A configuration cannot see the dataset, so

@@ -87,6 +87,7 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](
             if load_backbone_weights:
                 fit_to_dataset(config, dataset_meta)
             fit_to_episodes(config, max(lengths), weights_follow=not load_backbone_weights)
+            config.remember(dataset_meta)
         if dataset_stats is not None:
             check_statistics(config, dataset_stats)
         self.config = config

@@ -38,7 +38,7 @@ class Training:
 def read_training(checkpoint: str, config: Any = None) -> Training:
     """What a checkpoint's folder and configuration say; nothing is downloaded.
 
-    The rate is the policy's own ``fps``, or that of the dataset, as far as it is here.
+    The rate is the one that the policy's configuration holds, or that of the dataset, as far as it is here.
 
     Args:
         checkpoint: folder or repo id.
@@ -50,7 +50,7 @@ def read_training(checkpoint: str, config: Any = None) -> Training:
     from lerobot.utils.constants import HF_LEROBOT_HOME
 
     path = Path(checkpoint) / "train_config.json"
-    own = getattr(config, "fps", None)
+    own = getattr(config, "fps", None) or getattr(getattr(config, "trained_on", None), "fps", None)
     if not path.is_file():
         return Training(fps=own)
     try:

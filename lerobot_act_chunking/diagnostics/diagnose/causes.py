@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lerobot_act_chunking.diagnostics.core.normalisers import Spread
 from lerobot_act_chunking.diagnostics.diagnose.demonstrations import Knowledge
-from lerobot_act_chunking.diagnostics.diagnose.normalisers import Spread
 from lerobot_act_chunking.diagnostics.diagnose.records import Record
 
 LEVEL = 0.05

@@ -9,16 +9,16 @@ from lerobot.envs.configs import EnvConfig
 from lerobot.utils.constants import ACTION
 
 from lerobot_act_chunking.diagnostics.core.executable import Executable, predicting
-from lerobot_act_chunking.diagnostics.core.training import read_training, untrained
-from lerobot_act_chunking.diagnostics.diagnose import causes
-from lerobot_act_chunking.diagnostics.diagnose.causes import Finding
-from lerobot_act_chunking.diagnostics.diagnose.demonstrations import Demonstrations, Knowledge, ask
-from lerobot_act_chunking.diagnostics.diagnose.normalisers import (
+from lerobot_act_chunking.diagnostics.core.normalisers import (
     differing,
     far_away,
     processor_statistics,
     spreads_of,
 )
+from lerobot_act_chunking.diagnostics.core.training import read_training, untrained
+from lerobot_act_chunking.diagnostics.diagnose import causes
+from lerobot_act_chunking.diagnostics.diagnose.causes import Finding
+from lerobot_act_chunking.diagnostics.diagnose.demonstrations import Demonstrations, Knowledge, ask
 from lerobot_act_chunking.diagnostics.diagnose.observing import Starts, observe_starts
 from lerobot_act_chunking.diagnostics.diagnose.records import Record
 from lerobot_act_chunking.diagnostics.diagnose.starts import Outside, out_of_range, starts_outside

@@ -23,11 +23,12 @@ from lerobot_act_chunking.policies.temporal_ensemble.inner import (
     decode_inner,
     read_inner,
 )
+from lerobot_act_chunking.policies.trained_on import RemembersTraining
 
 
 @PreTrainedConfig.register_subclass("temporal_ensemble")
 @dataclass
-class TemporalEnsembleConfig(ExecutionFields, ChecksPush):
+class TemporalEnsembleConfig(ExecutionFields, RemembersTraining, ChecksPush):
     """Chunk execution over another policy, the inner one: everything but execution is the inner policy's.
 
     Name the inner policy by ``inner_path`` or describe it by ``inner``. On construction both become the full
@@ -69,6 +70,7 @@ class TemporalEnsembleConfig(ExecutionFields, ChecksPush):
         self._inner_config = decode_inner(settings, device=self.device, push_to_hub=False, repo_id=None)
         self.input_features = self.input_features or self._inner_config.input_features
         self.output_features = self.output_features or self._inner_config.output_features
+        self.trained_on = self.trained_on or getattr(self._inner_config, "trained_on", None)
         self._adopt_observation_steps()
         self.inner, self.inner_path = self._encoded(self.inner_config), None
         self._check_execution()

@@ -61,6 +61,8 @@ class TemporalEnsemblePolicy(WithModelCard, PreTrainedPolicy):
         if meta is not None and meta.episodes is not None and load_inner and config.inner_source is None:
             config.fit_to_dataset(meta)
             limit_execution(config, max(meta.episodes["length"]))
+        if meta is not None and meta.episodes is not None:
+            config.remember(meta)
         self.inner = _build_inner(config, config.inner_source if load_inner else None, dataset, load_inner)
         self._observations = InnerObservations(self.inner)
         self.reset()

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from lerobot_act_chunking.diagnostics.core.normalisers import Spread, differing, far_away
 from lerobot_act_chunking.diagnostics.core.played import Episode
 from lerobot_act_chunking.diagnostics.diagnose import causes
 from lerobot_act_chunking.diagnostics.diagnose.demonstrations import Knowledge
-from lerobot_act_chunking.diagnostics.diagnose.normalisers import Spread, differing, far_away
 from lerobot_act_chunking.diagnostics.diagnose.records import Record
 from lerobot_act_chunking.diagnostics.diagnose.starts import out_of_range, starts_outside
 

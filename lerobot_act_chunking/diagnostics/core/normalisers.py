@@ -57,14 +57,15 @@ def spreads_of(stats: Mapping[str, Mapping[str, Any]], config: Any) -> dict[str,
 
 
 def processor_statistics(policy: LoadedPolicy) -> dict[str, dict[str, np.ndarray]]:
-    """The statistics that a policy's processors hold, by key and name."""
+    """The statistics that a policy's processors use, by key and name; both hold more than that."""
     found: dict[str, dict[str, np.ndarray]] = {}
     for pipeline in (policy.preprocessor, policy.postprocessor):
         for step in getattr(pipeline, "steps", ()):
             if hasattr(step, "norm_map"):
                 for name, value in step.state_dict().items():
                     key, _, statistic = name.rpartition(".")
-                    found.setdefault(key, {})[statistic] = value.cpu().numpy()
+                    if key in step.features:
+                        found.setdefault(key, {})[statistic] = value.cpu().numpy()
     return found
 
 

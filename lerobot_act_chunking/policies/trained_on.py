@@ -1,0 +1,117 @@
+"""What a checkpoint remembers of the demonstrations, so that a robot can be compared with them."""
+
+import logging
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import wraps
+from typing import Any
+
+import numpy as np
+from lerobot.utils.constants import ACTION
+
+from lerobot_act_chunking.data.dimension_names import given_names
+
+ROLLOUT = "lerobot.rollout.context"
+logger = logging.getLogger(__name__)
+
+
+@dataclass
+class TrainedOn:
+    """The demonstrations of a training, as far as a robot has to be like them.
+
+    Attributes:
+        fps: control steps per second.
+        names: of the dimensions of each vector, by LeRobot's key; none where the dataset has none.
+        low: least value of each dimension in the demonstrations, by key, in the robot's units.
+        high: greatest value, likewise.
+    """
+
+    fps: float | None = None
+    names: dict[str, list[str]] = field(default_factory=dict)
+    low: dict[str, list[float]] = field(default_factory=dict)
+    high: dict[str, list[float]] = field(default_factory=dict)
+
+    @classmethod
+    def of_dataset(cls, meta: Any, keys: list[str]) -> "TrainedOn":
+        """What LeRobot's metadata of a dataset says of these vectors."""
+        found = cls(fps=float(meta.fps))
+        for key in (each for each in keys if each in meta.features):
+            if names := given_names(meta.features[key]):
+                found.names[key] = list(names)
+            stats = (meta.stats or {}).get(key, {})
+            if {"min", "max"} <= stats.keys():
+                found.low[key], found.high[key] = (np.ravel(stats[name]).tolist() for name in ("min", "max"))
+        return found
+
+
+@dataclass
+class RemembersTraining:
+    """Mixin for policy configurations that hold what the policy was trained on.
+
+    Attributes:
+        trained_on: not a setting: rate, names and ranges of the demonstrations. Training fills it in.
+    """
+
+    trained_on: TrainedOn | None = None
+
+    @property
+    def action_feature_names(self) -> list[str] | None:
+        """The action's names, where ``lerobot-rollout`` looks for them to compare them with the robot's."""
+        return None if self.trained_on is None else self.trained_on.names.get(ACTION)
+
+    @action_feature_names.setter
+    def action_feature_names(self, names: list[str]) -> None:
+        """LeRobot sets those of the dataset, which `remember` reads, too, also where they are in groups."""
+
+    def remember(self, meta: Any) -> None:
+        """Hold what a dataset is like that the policy is trained on, in place of the one before.
+
+        Args:
+            meta: LeRobot's metadata of it.
+        """
+        inputs: dict[str, Any] = getattr(self, "input_features", None) or {}
+        vectors = [key for key, each in inputs.items() if len(each.shape) == 1]
+        self.trained_on = TrainedOn.of_dataset(meta, [*vectors, ACTION])
+
+
+def wrong_rate(config: Any, fps: float) -> str | None:
+    """The sentence that says so, if a policy is to act at another rate than that of its demonstrations.
+
+    Args:
+        config: the policy's.
+        fps: control steps per second.
+    """
+    trained_on = getattr(config, "trained_on", None)
+    known = None if trained_on is None else trained_on.fps
+    if not known or abs(known - fps) <= 0.01 * known:
+        return None
+    factor, pace = (known / fps, "slowly") if fps < known else (fps / known, "fast")
+    return (
+        f"the policy was trained at {known:g} control steps a second and acts at {fps:g}: {factor:.3g} times "
+        f"as {pace} as demonstrated; set --fps={known:g}"
+    )
+
+
+def install() -> None:
+    """Let ``lerobot-rollout`` warn of a wrong rate before it begins to act.
+
+    It tells policies nothing of ``--fps``; what it makes its inference engine of has both. Harmless when
+    repeated; nothing happens before LeRobot's rollout is imported.
+    """
+    module = sys.modules.get(ROLLOUT)
+    create = getattr(module, "create_inference_engine", None)
+    if create is not None and not hasattr(create, "__wrapped__"):
+        vars(module)["create_inference_engine"] = _warning_first(create)
+
+
+def _warning_first(create: Callable[..., Any]) -> Callable[..., Any]:
+    @wraps(create)
+    def warned(*args: Any, **arguments: Any) -> Any:
+        if {"policy", "fps"} <= arguments.keys():
+            warning = wrong_rate(arguments["policy"].config, arguments["fps"])
+            if warning is not None:
+                logger.warning("%s", warning)
+        return create(*args, **arguments)
+
+    return warned
