@@ -173,7 +173,7 @@ def time_chunks(loaded: Any, task: str) -> dict[str, float]:
 
     times: dict[str, list[float]] = {}
     env_config = environment_of(loaded.policy.config, task_environment(task, "touch"))
-    predict = loaded.policy._predict
+    prepare = loaded.policy._prepare
     for turn in range(TIMED_CHUNKS // 4 + 1):
         for method in usable_methods(loaded):
             configure(loaded.policy, method, 4)
@@ -181,13 +181,13 @@ def time_chunks(loaded: Any, task: str) -> dict[str, float]:
 
             def timed(*args: Any, spent: list[float] = spent) -> Any:
                 started = time.perf_counter()
-                chunk = predict(*args)
+                chunk = prepare(*args)()
                 spent.append(1e3 * (time.perf_counter() - started))
-                return chunk
+                return lambda: chunk
 
-            loaded.policy._predict = timed
+            loaded.policy._prepare = timed
             roll_out(loaded, env_config, [FIRST_SEED + turn], n_envs=1)
-            del loaded.policy._predict
+            del loaded.policy._prepare
     return {method: round(median(spent), 2) for method, spent in times.items()}
 
 

@@ -106,12 +106,17 @@ def is_stalled(rollout: Any) -> bool:
 @contextmanager
 def looking_ahead(policy: Any, steps: int) -> Iterator[None]:
     """Let every chunk begin ``steps`` steps later than it should."""
-    predict = policy._predict
-    policy._predict = lambda observation, n: predict(observation, n + steps)[:, steps:]
+    prepare = policy._prepare
+
+    def later(window: Any, envs: Any, n_steps: int, delay: int) -> Any:
+        predict = prepare(window, envs, n_steps + steps, delay)
+        return lambda: predict()[:, steps:]
+
+    policy._prepare = later
     try:
         yield
     finally:
-        del policy._predict
+        del policy._prepare
 
 
 def demonstrations(plan: QuickstartPlan) -> dict[str, np.ndarray]:

@@ -81,7 +81,6 @@ class ExecutionSettings:
     n_action_steps: int = None  # pyright: ignore[reportAssignmentType]  (filled in on construction)
     replan_interval: int = None  # pyright: ignore[reportAssignmentType]
     latency_steps: int = 0
-    background: bool = False
     temporal_ensemble_coeff: float | None = None
     ensemble_weighting: Weighting | None = None
     crossfade_steps: int | None = None
@@ -90,6 +89,7 @@ class ExecutionSettings:
     n_samples: int | None = None
     smoothing_steps: int = None  # pyright: ignore[reportAssignmentType]
     gripper_dims: tuple[int, ...] = ()
+    background: bool = False
 
     def __post_init__(self) -> None:
         self._check_choices()

@@ -29,7 +29,9 @@ def plan(monkeypatch, tmp_path):
         inputs = {"observation.state": PolicyFeature(FeatureType.STATE, (2,))}
         policy = make_policy(inputs=inputs, start=torch.zeros(2), **settings)
         chunk = torch.tensor(ways)[:, None] * torch.tensor([1.0, 0.0]) / UNIT
-        policy.policy._predict = lambda window, envs, n_steps: chunk[:n_steps].repeat(window.batch_size, 1, 1)
+        policy.policy._prepare = lambda window, envs, n_steps, delay: (
+            lambda: chunk[:n_steps].repeat(window.batch_size, 1, 1)
+        )
         subject = Executable(save(policy, tmp_path / "policy"), policy.policy.config, wrapped=False)
         monkeypatch.setattr(Executable, "load", lambda _: policy)
         monkeypatch.setattr(diagnosis, "read_executable", lambda _: subject)

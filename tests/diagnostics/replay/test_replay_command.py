@@ -12,6 +12,7 @@ from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.utils.feature_utils import dataset_to_policy_features
 from small_policies import CHUNK, OURS, make_policy, save
+from tiers import full_tier
 
 from lerobot_act_chunking.cli.main import main
 
@@ -86,11 +87,16 @@ def test_no_dataset(checkpoint, capsys):
     ("name", "type_"),
     [
         ("so101_real", OURS),
-        ("piper55", OURS),
-        ("open50r", OURS),
-        ("cloth", "act"),
-        ("g1", "act"),
-        ("g1", OURS),
+        *(
+            pytest.param(*each, marks=full_tier)
+            for each in (
+                ("piper55", OURS),
+                ("open50r", OURS),
+                ("cloth", "act"),
+                ("g1", "act"),
+                ("g1", OURS),
+            )
+        ),
     ],
 )
 def test_real_recordings_of_states_and_cameras(name, type_, tmp_path):

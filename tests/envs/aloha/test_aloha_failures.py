@@ -283,4 +283,5 @@ def test_failures_are_those_of_the_tasks():
 def test_the_guide_lists_all_of_them_in_order():
     guide = (Path(__file__).parents[3] / "docs/guides/evaluate.md").read_text()
     labels = [*FAILURES["transfer_cube"], *FAILURES["insertion"]]
-    assert [cell for cell in re.findall(r"`([a-z -]+)` \|", guide) if cell in labels] == labels
+    of_aloha = guide[: guide.index("| `pick_place`")]
+    assert [cell for cell in re.findall(r"`([a-z -]+)` \|", of_aloha) if cell in labels] == labels

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Int64, UInt8
 
 from lerobot_act_chunking.durable_files import publish, remove, scratch_path
+from lerobot_act_chunking.json_files import read_json
 from lerobot_act_chunking.nn.image_view import Size
 
 DESCRIPTION, FRAMES, SUMS = "description.json", "frames.uint8", "checksums.uint32"
@@ -63,7 +64,7 @@ class FrameStore:
     def _is_sound(self, content: dict[str, Any]) -> bool:
         try:
             sizes = {name: (self.folder / name).stat().st_size for name in self._sizes}
-            return sizes == self._sizes and json.loads((self.folder / DESCRIPTION).read_bytes()) == content
+            return sizes == self._sizes and read_json(self.folder / DESCRIPTION) == content
         except (OSError, ValueError):
             return False
 
