@@ -64,6 +64,13 @@ def test_the_table_of_comparisons_that_stop_early_is_that_of_its_results():
             assert row.median_episodes <= 0.6 * tables.EPISODES
 
 
+def test_the_table_of_planted_faults_is_that_of_its_results():
+    tables = load("benchmarks/fault_table.py")
+    page, cells = tables.PAGE.read_text(), json.loads(tables.RESULTS.read_text())["cells"]
+    assert tables.with_table(page, cells) == page, "run: python benchmarks/fault_table.py"
+    assert f"Right: {tables.tally(cells)} that count." in page
+
+
 def test_the_table_of_the_study_of_modes_is_that_of_its_results():
     tables = load("benchmarks/mode_study.py")
     page, results = tables.PAGE.read_text(), json.loads(tables.RESULTS.read_text())
