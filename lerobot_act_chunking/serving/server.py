@@ -11,6 +11,7 @@ import torch
 from lerobot.async_inference import helpers
 from lerobot.configs import FeatureType
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
+from lerobot.rollout.inference.rtc import supports_rtc_inference
 from lerobot.transport import services_pb2, services_pb2_grpc
 from lerobot.transport.utils import receive_bytes_in_chunks
 
@@ -159,8 +160,12 @@ class ChunkServer(policy_server.PolicyServer):
         return obs.get_timestep() not in self._predicted_timesteps
 
     def _get_action_chunk(self, observation: dict[str, Any]) -> torch.Tensor:
+        # A client sends observations from time to time: those before are no history of the one that came.
+        alone = {"inference_delay": 0, "prev_chunk_left_over": None}
+        arguments = alone if supports_rtc_inference(self.policy) else {}
         with torch.inference_mode():
-            return super()._get_action_chunk(observation)
+            chunk = self.policy.predict_action_chunk(observation, **arguments)
+        return (chunk if chunk.ndim == 3 else chunk[None])[:, : self.actions_per_chunk]
 
 
 @contextmanager

@@ -72,6 +72,23 @@ def test_what_is_given_decides_where_the_observation_does_not(kind):
     assert (chunk[0, 1:].mean() - chunk[1, 1:].mean()) > 1
 
 
+def test_what_is_given_is_not_learned(monkeypatch):
+    """Of a network that cannot see what is given, the loss does not depend on it."""
+    if "act_chunked" not in KINDS:
+        pytest.skip("of one policy type")
+    policy = Case("blind", "act_chunked", STATE, {"prefix_steps": 2, "use_vae": False}).policy().train()
+    for weight in policy.model.prefix_encoder.parameters():
+        torch.nn.init.zeros_(weight)
+    monkeypatch.setattr(torch, "randint", lambda high, size, **_: torch.full(size, high - 1))  # all of it
+    batch = Case("batch", "act_chunked", STATE).batch()
+    batch["action_is_pad"] = torch.zeros_like(batch["action_is_pad"])
+    loss = policy.forward(batch)[0]
+    batch["action"][:, :2] += 5.0
+    assert torch.equal(policy.forward(batch)[0], loss)
+    batch["action"][:, 2:] += 5.0
+    assert policy.forward(batch)[0] > loss
+
+
 @pytest.mark.parametrize("case", EVERY, ids=ids)
 def test_the_plan_of_its_own_execution_is_continued(case):
     policy = case.policy(prefix_steps=2, execution="receding", latency_steps=2, replan_interval=2)

@@ -19,7 +19,7 @@ from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.policies.loading import load_policy
 from lerobot_act_chunking.policies.saving import save_checkpoint
 from lerobot_act_chunking.policies.temporal_ensemble.wrapping import load_wrapped
-from lerobot_act_chunking.serving.server import Served, start
+from lerobot_act_chunking.serving.server import ChunkServer, PolicyServerConfig, Served, start
 
 FPS, N_ACTIONS = 60, 4
 STATISTICS = {
@@ -120,6 +120,18 @@ def test_the_arm_is_told_what_the_policy_predicts(checkpoints, address, kind):
         chunk = loaded.postprocessor(loaded.policy.predict_action_chunk(batch))[0].numpy()
     # A chunk begins at the step of its observation, whose action a later chunk has as its first.
     np.testing.assert_allclose(told[:N_ACTIONS], chunk[:N_ACTIONS], rtol=1e-4, atol=1e-4)
+
+
+def test_what_was_observed_before_is_no_history_of_what_comes_now():
+    history = {"n_obs_steps": 2, "use_velocity": True, "execution": "receding", "replan_interval": 1}
+    policy = Case("arm", "act_chunked", STATE, history).policy().eval()
+    server = ChunkServer([], PolicyServerConfig())
+    server.policy, server.actions_per_chunk = policy, N_ACTIONS
+    earlier, now = (dict.fromkeys(STATE, torch.full((1, 6), value)) for value in (-1.0, 1.0))
+    expected = server._get_action_chunk(now)
+    server._get_action_chunk(earlier)
+    assert torch.equal(server._get_action_chunk(now), expected)
+    assert expected.shape == (1, N_ACTIONS, 4)
 
 
 @pytest.mark.slow
