@@ -35,17 +35,6 @@ LEARNERS: dict[str, dict[str, Any]] = {
         "optimizer_lr": 1e-3,
         "scheduler_warmup_steps": 150,
     },
-    "LeRobot's act": {
-        "type": "act",
-        "chunk_size": 50,
-        "n_action_steps": 25,
-        "dim_model": 128,
-        "n_heads": 4,
-        "dim_feedforward": 512,
-        "latent_dim": 8,
-        "n_vae_encoder_layers": 2,
-        "optimizer_lr": 1e-3,
-    },
 }
 
 

@@ -16,6 +16,7 @@ class Line(gym.Env):
     """A point that commands move; success, under ``key``, is to be past ``end``. It cannot be drawn."""
 
     action_space = gym.spaces.Box(-1, 1, (2,), np.float32)
+    metadata = {"render_modes": [], "render_fps": 10}  # noqa: RUF012  (Gymnasium declares it so)
     task = task_description = "go on"
 
     def __init__(self, width=2, end=0.2, key="is_success"):

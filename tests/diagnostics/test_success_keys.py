@@ -25,8 +25,9 @@ SUCCEED = [
     "--seed=5",
 ]
 SENTENCE = (
-    "the environment line_of_tests never says info['is_success'], so nothing is known of success: it says succeed; name what "
-    "means success, as --success-key=succeed, or --success-key=is_success if it speaks of successes alone"
+    "the environment line_of_tests never says info['is_success'], so nothing is known of success: it says "
+    "succeed; name what means success, as --success-key=succeed, or --success-key=is_success if it speaks "
+    "of successes alone"
 )
 
 
