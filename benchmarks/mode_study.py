@@ -253,10 +253,15 @@ def table(results: list[dict[str, Any]]) -> str:
     return "\n".join(f"| {' | '.join(each)} |" for each in rows)
 
 
+def with_table(page: str, mark: str, shown: str) -> str:
+    """The page with a table between its mark and the next end."""
+    before, rest = page.split(mark)
+    return f"{before}{mark}\n{shown}\n{END}{rest.split(END, 1)[1]}"
+
+
 def show_on(page: Path, mark: str, shown: str) -> None:
-    """Put a table behind its mark in a page, up to the next end."""
-    before, rest = page.read_text().split(mark)
-    write_atomically(page, f"{before}{mark}\n{shown}\n{END}{rest.split(END, 1)[1]}".encode())
+    """Write a table into a page."""
+    write_atomically(page, with_table(page.read_text(), mark, shown).encode())
 
 
 def main() -> None:
