@@ -253,10 +253,15 @@ def table(results: list[dict[str, Any]]) -> str:
     return "\n".join(f"| {' | '.join(each)} |" for each in rows)
 
 
-def with_table(page: str, results: list[dict[str, Any]]) -> str:
-    """The page with the table between its marks."""
-    before, rest = page.split(MARK)
-    return f"{before}{MARK}\n{table(results)}\n{END}{rest.split(END, 1)[1]}"
+def with_table(page: str, mark: str, shown: str) -> str:
+    """The page with a table between its mark and the next end."""
+    before, rest = page.split(mark)
+    return f"{before}{mark}\n{shown}\n{END}{rest.split(END, 1)[1]}"
+
+
+def show_on(page: Path, mark: str, shown: str) -> None:
+    """Write a table into a page."""
+    write_atomically(page, with_table(page.read_text(), mark, shown).encode())
 
 
 def main() -> None:
@@ -279,7 +284,7 @@ def main() -> None:
         shown.add_row(*row(each))
     Console(width=160).print(shown)
     write_atomically(RESULTS, (json.dumps(done, indent=1) + "\n").encode())
-    write_atomically(PAGE, with_table(PAGE.read_text(), done).encode())
+    show_on(PAGE, MARK, table(done))
     picture = study.result(PICTURED).with_suffix(".png")
     if picture.exists():
         write_atomically(IMAGE, picture.read_bytes())

@@ -4,8 +4,8 @@
 
 lets every operator go each way of `transfer_modes`, and the expert of `three_gates` each of its ways with
 every option at its limit, over seeds that nobody records, and draws the ways. It writes
-benchmarks/results/planted_tasks.json and docs/images/planted_tasks.png; docs/guides/planted-modes.md shows
-both.
+benchmarks/results/planted_tasks.json, docs/images/planted_tasks.png and the table of
+docs/guides/planted-modes.md.
 """
 
 import argparse
@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mode_study import ROOT, show_on
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -27,6 +28,8 @@ from lerobot_act_chunking.envs.operators import OPERATORS
 from lerobot_act_chunking.envs.three_gates.expert import RANGES
 from lerobot_act_chunking.recording import RecordSpec, SimulatedSource
 
+PAGE = ROOT / "docs/guides/planted-modes.md"
+MARK = "<!-- experts: python benchmarks/planted_tasks.py -->"
 FIRST_SEED = 1_000_000  # far from the seeds anybody records or evaluates with
 TASKS: dict[str, dict[str, Any]] = {
     "transfer_modes": {"task": "transfer_modes"},
@@ -94,13 +97,25 @@ def _rms(difference: np.ndarray) -> float:
     return float(np.sqrt(np.mean(difference**2)))
 
 
+COLUMNS = ("task", "expert", "discarded of each way", "attempts of each", "attempts per CPU second")
+
+
+def told(row: dict[str, Any]) -> list[str]:
+    """A measurement for people."""
+    counts, pace = ", ".join(map(str, row["discarded"])), f"{row['attempts_per_cpu_second']:.0f}"
+    return [row["task"], row["expert"], counts, str(row["attempts"]), pace]
+
+
 def table(rows: list[dict[str, Any]]) -> Table:
-    shown = Table("task", "expert", "discarded of each way", "attempts of each", "attempts per CPU second")
+    shown = Table(*COLUMNS)
     for row in rows:
-        counts = ", ".join(map(str, row["discarded"]))
-        pace = f"{row['attempts_per_cpu_second']:.3g}"
-        shown.add_row(row["task"], row["expert"], counts, str(row["attempts"]), pace)
+        shown.add_row(*told(row))
     return shown
+
+
+def markdown(rows: list[dict[str, Any]]) -> str:
+    lines = [list(COLUMNS), ["---"] * len(COLUMNS), *map(told, rows)]
+    return "\n".join(f"| {' | '.join(each)} |" for each in lines)
 
 
 def draw(out: Path) -> None:
@@ -145,6 +160,7 @@ def main() -> None:
     report = {"rows": rows, "separation": {task: separation(task) for task in args.tasks}}
     Console(width=120).print(table(rows), report["separation"])
     args.json.write_text(json.dumps(report, indent=1) + "\n")
+    show_on(PAGE, MARK, markdown(rows))
 
 
 if __name__ == "__main__":

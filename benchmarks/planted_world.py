@@ -4,13 +4,16 @@ Whoever replans at the post at every step waits for ever, since demonstrators wa
 crosses the line where the goal was. Whoever wavers between the two ways around the obstacle runs into it.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import count, islice
 from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs.configs import EnvConfig
+from world_recording import write_demonstrations
 
 __path__ = []  # LeRobot's --env.discover_packages_path takes every module for a package
 FPS, LIMIT = 20, 140
@@ -100,35 +103,30 @@ def record(
         most_start: leave out episodes that start or have their goal further right than this.
         seed: of the first episode.
     """
-    from lerobot.datasets.lerobot_dataset import LeRobotDataset
-
     if (folder / "meta" / "info.json").exists():
         return
-    names = {"dtype": "float32", "shape": (2,), "names": ["x", "y"]}
     keys = ("action", "observation.state", "observation.environment_state")
-    dataset = LeRobotDataset.create(
-        f"local/{folder.name}", fps=FPS, features=dict.fromkeys(keys, names), root=folder
-    )
-    env, done = Courier(), 0
-    while done < episodes:
+    shown = islice(_demonstrations(right, most_start, seed), episodes)
+    write_demonstrations(folder, FPS, {key: ["x", "y"] for key in keys}, Courier.task, shown)
+
+
+def _demonstrations(right: float, most_start: float, first: int) -> Iterator[list[tuple[np.ndarray, ...]]]:
+    """Actions, positions and goals of one episode after the other."""
+    env = Courier()
+    for seed in count(first):
         observation, _ = env.reset(seed=seed)
-        demonstrator, seed = Demonstrator(np.random.default_rng(seed), right), seed + 1
+        demonstrator = Demonstrator(np.random.default_rng(seed), right)
         if max(env.goal[0], env.next[0]) > most_start:
             continue
-        over, info = False, {"is_success": False}
+        rows, over, info = [], False, {"is_success": False}
         while not over:
             seen = observation["agent_pos"], observation["environment_state"]
             action = demonstrator.act(*seen)
-            frame = dict(zip(keys, (action, *seen), strict=True))
-            dataset.add_frame(
-                {key: value.astype(np.float32) for key, value in frame.items()} | {"task": env.task}
-            )
+            rows.append((action, *seen))
             observation, _, over, _, info = env.step(action)
         if not info["is_success"]:
-            raise RuntimeError(f"the demonstrator fails at seed {seed - 1}")
-        dataset.save_episode()
-        done += 1
-    dataset.finalize()
+            raise RuntimeError(f"the demonstrator fails at seed {seed}")
+        yield rows
 
 
 @dataclass

@@ -5,12 +5,13 @@ stands still for a second to grasp and for 0.8 s to let go. `pip install lerobot
 """
 
 from dataclasses import dataclass, field
+from itertools import count, islice
 from pathlib import Path
 
 import gymnasium as gym
-import numpy as np
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs.configs import EnvConfig
+from world_recording import write_demonstrations
 
 from lerobot_act_chunking.errors import need
 
@@ -57,28 +58,13 @@ def demonstrate(env, seed: int):
 
 def record(folder: Path, episodes: int) -> None:
     """Demonstrations as a LeRobotDataset, unless they are there."""
-    from lerobot.datasets.lerobot_dataset import LeRobotDataset
-
     if (folder / "meta" / "info.json").exists():
         return
-    features = {
-        key: {"dtype": "float32", "shape": (size,), "names": [f"{number}" for number in range(size)]}
-        for key, size in SIZES.items()
-    }
-    dataset = LeRobotDataset.create(f"local/{folder.name}", fps=FPS, features=features, root=folder)
-    env, seed, done = make(), 0, 0
-    while done < episodes:
-        rows, success = demonstrate(env, seed)
-        seed += 1
-        if not success:
-            continue
-        for row in rows:
-            frame = {key: np.asarray(value, np.float32) for key, value in zip(SIZES, row, strict=True)}
-            dataset.add_frame({**frame, "task": Told.task})
-        dataset.save_episode()
-        done += 1
-    dataset.finalize()
-    print(f"{episodes} demonstrations of {seed} attempts")
+    env = make()
+    attempts = (demonstrate(env, seed) for seed in count())
+    shown = islice((rows for rows, success in attempts if success), episodes)
+    names = {key: [f"{number}" for number in range(size)] for key, size in SIZES.items()}
+    write_demonstrations(folder, FPS, names, Told.task, shown)
 
 
 @dataclass

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from lerobot_act_chunking.cli.environment import Fields, Success, Task, asked_environment
+from lerobot_act_chunking.cli.environment import Fields, Success, SuccessKey, Task, asked_environment
 from lerobot_act_chunking.cli.options import Json, Picture
 from lerobot_act_chunking.cli.progress import shown
 from lerobot_act_chunking.cli.reporting import finish
@@ -17,6 +17,7 @@ def diagnose_command(
     env: Fields = None,
     task: Task = None,
     success: Success = None,
+    success_key: SuccessKey = None,
     dataset: Annotated[
         str | None,
         typer.Option(
@@ -55,7 +56,7 @@ def diagnose_command(
 
     settings = Settings(
         checkpoint=checkpoint,
-        environment=asked_environment(env, task, success),
+        environment=asked_environment(env, task, success, success_key=success_key),
         dataset=dataset,
         episodes=episodes,
         most=most,

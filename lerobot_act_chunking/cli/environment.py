@@ -1,6 +1,7 @@
 """Which simulation a command runs a policy in: ``--env.FIELD=VALUE``, as LeRobot's commands spell it."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -35,6 +36,13 @@ Success = Annotated[
         "final. \\[default: the first]",
     ),
 ]
+SuccessKey = Annotated[
+    str | None,
+    typer.Option(
+        "--success-key",
+        help="What the environment's info calls success, as succeed, where it is not LeRobot's is_success.",
+    ),
+]
 
 
 class EnvironmentCommand(TyperCommand):
@@ -48,7 +56,12 @@ class EnvironmentCommand(TyperCommand):
 
 
 def asked_environment(
-    given: Sequence[str] | None, task: str | None, success: str | None = None, *, short: str = "--task"
+    given: Sequence[str] | None,
+    task: str | None,
+    success: str | None = None,
+    *,
+    success_key: str | None = None,
+    short: str = "--task",
 ) -> "EnvironmentSpec | None":
     """The environment that the options ask for; None if they ask for none.
 
@@ -56,13 +69,23 @@ def asked_environment(
         given: of `Fields`.
         task: the short spelling.
         success: its success rule.
+        success_key: of ``info``, in place of LeRobot's.
         short: the option that ``task`` comes from.
 
     Raises:
         ConfigurationError: both spellings, a rule without a task, fields without a type, a value that cannot
-            be read, or what `EnvironmentSpec` and `task_environment` refuse.
+            be read, a key without an environment, or what `EnvironmentSpec` and `task_environment` refuse.
     """
-    return _asked(given, task, success, short) if given or task or success else None
+    from lerobot_act_chunking.errors import ConfigurationError
+
+    if not (given or task or success):
+        if success_key:
+            raise ConfigurationError(
+                f"--success-key={success_key} is of which environment? Give --env.type or {short} as well"
+            )
+        return None
+    asked = _asked(given, task, success, short)
+    return replace(asked, success_key=success_key) if success_key else asked
 
 
 def environment_to_run(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 from rich.console import Console
 
-from lerobot_act_chunking.cli.environment import Fields, Success, Task, asked_environment
+from lerobot_act_chunking.cli.environment import Fields, Success, SuccessKey, Task, asked_environment
 from lerobot_act_chunking.cli.options import Json, Picture
 from lerobot_act_chunking.cli.progress import shown
 from lerobot_act_chunking.cli.reporting import finish
@@ -29,6 +29,7 @@ def eval_command(
     env: Fields = None,
     task: Task = None,
     success: Success = None,
+    success_key: SuccessKey = None,
     episodes: Annotated[int, typer.Option(help="Of each checkpoint; with --until=decided the most.")] = 200,
     seed: Annotated[int, typer.Option(help="Of the first episode.")] = 1000,
     batch_size: Annotated[
@@ -74,7 +75,7 @@ def eval_command(
     from lerobot_act_chunking.diagnostics.eval.terminal import print_report
     from lerobot_act_chunking.errors import ConfigurationError
 
-    environment = asked_environment(env, task, success)
+    environment = asked_environment(env, task, success, success_key=success_key)
     if environment is None:
         raise ConfigurationError(
             "eval acts in an environment: give --env.type (of LeRobot or a plug-in), or --task (as insertion)"
@@ -108,9 +109,10 @@ def eval_command(
 
 
 def _compared(report: "EvalReport") -> "CompareReport | None":
-    """The policies side by side, by the first draw of each; None of one policy."""
+    """The policies side by side, by the first draw of each; None of one, or if none is judged."""
     from lerobot_act_chunking.diagnostics.compare.diagnosis import diagnose
     from lerobot_act_chunking.diagnostics.compare.settings import Settings
 
     recipes = report.recipes
-    return diagnose(Settings(recipes)) if len(recipes) > 1 else None
+    known = all(each.is_judged for each in report.results)
+    return diagnose(Settings(recipes)) if len(recipes) > 1 and known else None

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from lerobot_act_chunking.cli.environment import Fields, Success, Task, asked_environment
+from lerobot_act_chunking.cli.environment import Fields, Success, SuccessKey, Task, asked_environment
 from lerobot_act_chunking.cli.options import Json, Picture
 from lerobot_act_chunking.cli.progress import shown
 from lerobot_act_chunking.cli.reporting import finish
@@ -17,6 +17,7 @@ def modes_command(
     env: Fields = None,
     task: Task = None,
     success: Success = None,
+    success_key: SuccessKey = None,
     dataset: Annotated[
         str | None,
         typer.Option(help="Folder of the demonstrations; default: those the checkpoint was trained on."),
@@ -43,7 +44,7 @@ def modes_command(
     from lerobot_act_chunking.diagnostics.modes.terminal import print_report
     from lerobot_act_chunking.errors import ConfigurationError
 
-    environment = asked_environment(env, task, success)
+    environment = asked_environment(env, task, success, success_key=success_key)
     if environment is None:
         raise ConfigurationError(
             "modes acts in an environment: give --env.type, as three_gates, or --task, as transfer_modes"

@@ -8,8 +8,24 @@ import typer
 OUT = ("--out", "--output")
 """What a command makes: a checkpoint, a file of codes, or a picture."""
 
+
+def to_a_file(path: Path | None) -> Path | None:
+    """Refuse the name ``-``: others print too, so that what goes to standard output is no JSON.
+
+    Raises:
+        ConfigurationError: it is that name.
+    """
+    from lerobot_act_chunking.errors import ConfigurationError
+
+    if path == Path("-"):
+        raise ConfigurationError(
+            "--json=- would mix the numbers with tables and messages on standard output: name a file"
+        )
+    return path
+
+
 Picture = Annotated[Path | None, typer.Option(*OUT, help="Draw a PNG.")]
-Json = Annotated[Path | None, typer.Option(help="Write every number to this file.")]
+Json = Annotated[Path | None, typer.Option(callback=to_a_file, help="Write every number to this file.")]
 
 
 def whole_numbers(text: str, refusal: Exception, *, gaps: bool = False) -> tuple[int, ...]:

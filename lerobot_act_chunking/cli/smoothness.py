@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from lerobot_act_chunking.cli.environment import Fields, Success, Task, environment_to_run
-from lerobot_act_chunking.cli.options import OUT
+from lerobot_act_chunking.cli.options import OUT, to_a_file
 from lerobot_act_chunking.cli.reporting import finish
 
 
@@ -26,7 +26,8 @@ def smoothness_command(
         typer.Option(help="Datasets: control steps between the chunks that made them. \\[default: none]"),
     ] = None,
     json_file: Annotated[
-        Path | None, typer.Option("--json", help="Write all numbers, per joint too, here.")
+        Path | None,
+        typer.Option("--json", callback=to_a_file, help="Write all numbers, also per joint."),
     ] = None,
     out: Annotated[Path | None, typer.Option(*OUT, "--plot", help="Draw a PNG.")] = None,
 ) -> None:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from lerobot_act_chunking.cli.environment import Fields, asked_environment
+from lerobot_act_chunking.cli.environment import Fields, SuccessKey, asked_environment
 from lerobot_act_chunking.cli.options import Json, Picture, parse_numbers
 from lerobot_act_chunking.cli.reporting import finish
 
@@ -41,6 +41,7 @@ def steps_command(
         ),
     ] = None,
     env: Fields = None,
+    success_key: SuccessKey = None,
     success_seeds: Annotated[int, typer.Option(min=1, help="Episodes per number of steps.")] = 50,
     json: Json = None,
     out: Picture = None,
@@ -62,7 +63,7 @@ def steps_command(
         samplers=tuple(sampler or ()),
         steps=parse_numbers("steps", steps or None),
         seed=seed,
-        environment=asked_environment(env, success, short="--success"),
+        environment=asked_environment(env, success, success_key=success_key, short="--success"),
         success_seeds=success_seeds,
     )
     finish(_diagnose(settings), print_report, plot_report, json=json, picture=out)

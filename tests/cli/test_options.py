@@ -5,7 +5,7 @@ import re
 import pytest
 from typer.main import get_command
 
-from lerobot_act_chunking.cli.main import EXIT_STATUS, app
+from lerobot_act_chunking.cli.main import EXIT_STATUS, app, main
 from lerobot_act_chunking.cli.running import REFUSED, STOPPED
 from lerobot_act_chunking.diagnostics.core.report import EXIT_CODES
 
@@ -33,6 +33,16 @@ def test_out_and_output_are_one_option(name):
 @pytest.mark.parametrize("name", ["wrap", "import", "fit-prior", "train-tokenizer", "motion", "smoothness"])
 def test_what_a_command_makes_is_its_out(name):
     assert any("--out" in option.opts for option in COMMANDS[name].params)
+
+
+@pytest.mark.parametrize(
+    "name", [name for name in COMMANDS if any("--json" in each.opts for each in COMMANDS[name].params)]
+)
+def test_numbers_go_to_a_file_and_not_to_one_called_dash(name, capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    assert main([*name.split(), "--json", "-"]) == REFUSED
+    assert "--json=- would mix" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_verdict_is_no_error_and_no_error_a_verdict():

@@ -13,14 +13,15 @@ STEPS = 12
 
 
 class Line(gym.Env):
-    """A point that commands move; success is to have gone past ``end``. It cannot be drawn."""
+    """A point that commands move; success, under ``key``, is to be past ``end``. It cannot be drawn."""
 
     action_space = gym.spaces.Box(-1, 1, (2,), np.float32)
+    metadata = {"render_modes": [], "render_fps": 10}  # noqa: RUF012  (Gymnasium declares it so)
     task = task_description = "go on"
 
-    def __init__(self, width=2, end=0.2):
+    def __init__(self, width=2, end=0.2, key="is_success"):
         self.observation_space = gym.spaces.Dict({"agent_pos": gym.spaces.Box(-9, 9, (width,), np.float64)})
-        self.width, self.end = width, end
+        self.width, self.end, self.key = width, end, key
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
@@ -31,7 +32,13 @@ class Line(gym.Env):
         self.position = self.position.copy()
         self.position[:2] += 0.1 * action
         done = bool(self.position[0] > self.end)
-        return {"agent_pos": self.position}, float(self.position[0]), done, False, {"is_success": done}
+        return (
+            {"agent_pos": self.position},
+            float(self.position[0]),
+            done,
+            False,
+            {self.key: done} if self.key else {},
+        )
 
 
 class Doubled(ObservationProcessorStep):
@@ -71,6 +78,7 @@ class LineConfig(EnvConfig):
     doubled: bool = False
     n_tasks: int = 1
     limited: bool = True
+    key: str = "is_success"
 
     def __post_init__(self):
         if self.width < 2:
@@ -83,7 +91,7 @@ class LineConfig(EnvConfig):
     @property
     def gym_kwargs(self):
         limit = {"max_episode_steps": STEPS} if self.limited else {}
-        return {"width": self.width, "end": self.ends.success, **limit}
+        return {"width": self.width, "end": self.ends.success, "key": self.key, **limit}
 
     def create_envs(self, n_envs, use_async_envs=False):
         (suite,) = super().create_envs(n_envs, use_async_envs).values()

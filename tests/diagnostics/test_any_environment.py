@@ -53,6 +53,7 @@ def test_smoothness_is_measured_of_commands_alone(checkpoint, tmp_path):
         "type": "line_of_tests",
         "arguments": {"ends": {"success": 9}},
         "packages": ["line_environment"],
+        "success_key": None,
     }
     (source,) = content["sources"]
     assert (source["episodes"], source["steps"], source["dt"], source["successes"]) == (3, 36, 0.1, 0)

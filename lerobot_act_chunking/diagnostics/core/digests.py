@@ -9,6 +9,7 @@ from typing import Any
 
 from lerobot.envs.configs import EnvConfig
 
+from lerobot_act_chunking.diagnostics.core.success_keys import IS_SUCCESS, success_key
 from lerobot_act_chunking.json_files import read_json
 from lerobot_act_chunking.policies.loading import CONFIG, PROCESSORS, WEIGHTS
 
@@ -38,9 +39,11 @@ def checkpoint_digest(checkpoint: str, without: Collection[str] = ()) -> str:
 
 
 def environment_identity(env_config: EnvConfig) -> dict[str, str]:
-    """The type of an environment and every field of its configuration, as text."""
+    """The type of an environment and every field of its configuration, as text, and what means success."""
     fields: Mapping[str, Any] = asdict(env_config)  # pyright: ignore[reportArgumentType]
-    return {"type": env_config.type, **{name: repr(value) for name, value in fields.items()}}
+    key = success_key(env_config)
+    named = {} if key == IS_SUCCESS else {"success_key": key}
+    return {"type": env_config.type, **{name: repr(value) for name, value in fields.items()}, **named}
 
 
 def question_digest(question: Mapping[str, Any]) -> str:

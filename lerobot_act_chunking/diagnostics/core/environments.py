@@ -14,6 +14,7 @@ from lerobot.utils.import_utils import register_third_party_plugins
 
 from lerobot_act_chunking.data.dimension_names import dimension_names
 from lerobot_act_chunking.diagnostics.core.compatibility import check_features, check_rate
+from lerobot_act_chunking.diagnostics.core.success_keys import naming_success
 from lerobot_act_chunking.diagnostics.core.training import dataset_features, read_training
 from lerobot_act_chunking.envs.configuration_simulation import SimulationEnvConfig
 from lerobot_act_chunking.errors import ActChunkingError, ConfigurationError, FeatureError, unknown_choice
@@ -36,6 +37,7 @@ class EnvironmentSpec:
         type: of the environment: LeRobot's own, an installed plug-in's, or one of ``packages``.
         arguments: fields of its configuration, as YAML would give them.
         packages: that register it when they are imported, as ``--env.discover_packages_path``.
+        success_key: which member of ``info`` says that the episode has succeeded; None for LeRobot's.
 
     Raises:
         ConfigurationError: a package that cannot be imported, an unknown type, a field that it does not
@@ -45,6 +47,7 @@ class EnvironmentSpec:
     type: str
     arguments: Mapping[str, Any] = field(default_factory=dict)
     packages: tuple[str, ...] = ()
+    success_key: str | None = None
 
     def __post_init__(self) -> None:
         for package in self.packages:
@@ -136,7 +139,7 @@ def environment_of(config: Any, spec: EnvironmentSpec, checkpoint: str | None = 
         if known:
             raise
         logger.warning("%s", error)
-    return env_config
+    return naming_success(env_config, spec.success_key)
 
 
 def action_names(env_config: EnvConfig, n: int, checkpoint: str) -> tuple[str, ...]:

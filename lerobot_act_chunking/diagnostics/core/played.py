@@ -33,6 +33,7 @@ class Episode:
         network_calls: while it ran.
         log_dimensionless_jerk: of the commands' speed, without grippers; None if nothing moves.
         sparc: spectral arc length of the same.
+        instead: what the environment named in place of the success key; None where the key was there.
     """
 
     seed: int
@@ -47,6 +48,7 @@ class Episode:
     network_calls: int
     log_dimensionless_jerk: float | None
     sparc: float | None
+    instead: Sequence[str] | None = None
 
     @property
     def stalled(self) -> bool:
@@ -86,6 +88,7 @@ def describe(rollout: Rollout, arms: Sequence[int]) -> Episode:
         network_calls=len(rollout.inferences),
         log_dimensionless_jerk=_defined(motion_metrics.log_dimensionless_jerk, speed, rollout.dt),
         sparc=_defined(motion_metrics.spectral_arc_length, speed, rollout.dt),
+        instead=rollout.instead,
     )
 
 

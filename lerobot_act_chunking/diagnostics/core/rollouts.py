@@ -19,12 +19,14 @@ from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor
 
 from lerobot_act_chunking.compat import action_of
+from lerobot_act_chunking.diagnostics.core.success_keys import instead_of, success_key
 from lerobot_act_chunking.diagnostics.core.worlds import (
     Worlds,
     failure_of,
     mode_of,
     open_worlds,
     rules_of,
+    said,
     succeeded,
     task_description,
 )
@@ -64,7 +66,8 @@ class Rollout:
         positions: where the joints were when it asked, ``(T, A)`` in the same units; ``(T, 0)`` where actions
             are no positions.
         rewards: the reward after each step, ``(T,)``.
-        success: whether the environment said ``is_success`` at any step, as LeRobot counts.
+        success: whether the environment said so at any step, as LeRobot counts, by ``is_success`` or the key
+            that was named for it.
         inferences: network calls while the episode was running, in order; none if the policy neither has a
             `ChunkExecutor` nor calls its own ``predict_action_chunk`` (LeRobot's ``smolvla``).
         states: ``agent_pos`` as it was observed before each step, ``(T, S)``; ``(T, 0)`` where it is not.
@@ -74,6 +77,7 @@ class Rollout:
         mode: which of several ways it went, as the last ``info["mode"]`` says: -1 for none; None if nothing.
         acting_s: time from the observation to the command at each step, ``(T,)`` [s], for all episodes that
             ran together.
+        instead: what ``info`` named in place of the success key; None where the key was there.
     """
 
     seed: int
@@ -89,6 +93,7 @@ class Rollout:
     failure: str | None = None
     mode: int | None = None
     acting_s: np.ndarray = field(default_factory=lambda: np.empty(0))
+    instead: Sequence[str] | None = None
 
 
 def roll_out(
@@ -137,7 +142,7 @@ def roll_out(
     try:
         for first in range(0, len(seeds), len(worlds.envs)):
             group = [
-                _Episode(seed, env, worlds.reset_options, (given or {}).get(seed, ()))
+                _Episode(seed, env, env_config, worlds.reset_options, (given or {}).get(seed, ()))
                 for seed, env in zip(seeds[first : first + len(worlds.envs)], worlds.envs, strict=False)
             ]
             with _observed_chunks(policy, group, log_chunks):
@@ -146,7 +151,7 @@ def roll_out(
                         break
                     if progress is not None:
                         progress(len(finished) + sum(episode.done for episode in group))
-            finished += [episode.rollout(1 / env_config.fps) for episode in group]
+            finished += [episode.rollout() for episode in group]
             if progress is not None:
                 progress(len(finished))
     finally:
@@ -160,6 +165,7 @@ class _Episode:
 
     seed: int
     env: Any
+    env_config: EnvConfig
     reset_options: dict[str, Any] | None = None
     given: Sequence[np.ndarray] | np.ndarray = ()
     commands: list[np.ndarray] = field(default_factory=list)
@@ -169,6 +175,7 @@ class _Episode:
     states: list[np.ndarray] = field(default_factory=list)
     acting_s: list[float] = field(default_factory=list)
     info: Mapping[str, Any] = field(default_factory=dict)
+    named: set[str] = field(default_factory=set)
     success: bool = False
     ending: Ending = "cut"
     done: bool = False
@@ -187,18 +194,19 @@ class _Episode:
         if on_step is not None:
             on_step(self.seed, len(self.commands), self.env)
         self.observation, reward, terminated, truncated, self.info = self.env.step(command)
-        self.success |= succeeded(self.info)
+        self.named.update(said(self.info))
+        self.success |= succeeded(self.info, success_key(self.env_config))
         self.done = terminated or truncated
         if self.done:
             self.ending = "terminated" if terminated else "truncated"
         self.commands.append(command)
         self.rewards.append(reward)
 
-    def rollout(self, dt: float) -> Rollout:
+    def rollout(self) -> Rollout:
         """All that was written down."""
         return Rollout(
             seed=self.seed,
-            dt=dt,
+            dt=1 / self.env_config.fps,
             commands=np.stack(self.commands),
             positions=np.stack(self.positions),
             rewards=np.array(self.rewards),
@@ -210,6 +218,7 @@ class _Episode:
             mode=mode_of(self.info),
             acting_s=np.array(self.acting_s),
             inferences=tuple(self.inferences),
+            instead=instead_of(self.env_config, self.named),
         )
 
 

@@ -11,6 +11,7 @@ from lerobot.envs.configs import EnvConfig
 from lerobot.envs.factory import make_env, make_env_pre_post_processors
 from lerobot.utils.constants import ACTION
 
+from lerobot_act_chunking.diagnostics.core.success_keys import IS_SUCCESS
 from lerobot_act_chunking.errors import ActChunkingError, ConfigurationError
 
 _THAW = getattr(utils, "NEW_ROLLOUT_OPTION", None)
@@ -123,14 +124,14 @@ def failure_of(env: Any) -> str | None:
     return None
 
 
-def succeeded(info: Mapping[str, Any]) -> bool:
+def succeeded(info: Mapping[str, Any], key: str = IS_SUCCESS) -> bool:
     """Whether a step's ``info`` says so; one without an answer says no."""
-    return bool(_said(info).get("is_success", False))
+    return bool(said(info).get(key, False))
 
 
 def mode_of(info: Mapping[str, Any]) -> int | None:
     """Which of several ways a step's ``info`` says the episode went; None where it says nothing of it."""
-    mode = _said(info).get("mode")
+    mode = said(info).get("mode")
     return None if mode is None else int(mode)
 
 
@@ -138,12 +139,12 @@ def rules_of(info: Mapping[str, Any]) -> dict[str, bool]:
     """What a step's ``info`` says of every success rule: all its members with "success" in their names."""
     return {
         name: bool(value)
-        for name, value in _said(info).items()
+        for name, value in said(info).items()
         if "success" in name and isinstance(value, bool | int | float | np.bool_ | np.number)
     }
 
 
-def _said(info: Mapping[str, Any]) -> Mapping[str, Any]:
+def said(info: Mapping[str, Any]) -> Mapping[str, Any]:
     """What counts of a step's ``info``: Gymnasium keeps that of an episode's end apart."""
     final = info.get("final_info")
     return final if isinstance(final, Mapping) else info

@@ -43,7 +43,8 @@ def diagnose(settings: Settings, progress: Progress | None = None) -> DiagnoseRe
         progress: called with the numbers of episodes done and planned so far.
 
     Raises:
-        ConfigurationError: a checkpoint, an environment or a folder that cannot be used.
+        ConfigurationError: a checkpoint, an environment or a folder that cannot be used, or an environment
+            that says nothing of success.
         DatasetError: no usable dataset.
         FeatureError: the environment or dataset lacks what the policy observes.
     """

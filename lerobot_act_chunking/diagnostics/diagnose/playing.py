@@ -14,6 +14,7 @@ from lerobot_act_chunking.data.actions import read_demonstrations
 from lerobot_act_chunking.diagnostics.core.drawing import drawing
 from lerobot_act_chunking.diagnostics.core.executable import Executable
 from lerobot_act_chunking.diagnostics.core.rollouts import Rollout, roll_out
+from lerobot_act_chunking.diagnostics.core.success_keys import check_said
 from lerobot_act_chunking.diagnostics.diagnose.trials import Trial
 from lerobot_act_chunking.policies.loading import LoadedPolicy
 
@@ -62,7 +63,7 @@ class Stage:
             loaded[trial.checkpoint] = self._load(trial.checkpoint)
         policy = loaded[trial.checkpoint]
         with changing(policy, trial) as acting, drawing(policy.policy, trial.draw, task.seeds[0]):
-            return roll_out(
+            rollouts = roll_out(
                 acting,
                 self.env_config,
                 task.seeds,
@@ -70,6 +71,8 @@ class Stage:
                 log_chunks=False,
                 given=task.given,
             )
+        check_said(self.env_config, [rollout.instead for rollout in rollouts])
+        return rollouts
 
     def _load(self, checkpoint: str | None) -> LoadedPolicy:
         if checkpoint is None:

@@ -78,6 +78,7 @@ class DiagnoseReport(Report):
             "checkpoint": self.requested.checkpoint,
             "policy_type": self.policy_type,
             "where": self.where,
+            "success_key": self.requested.environment and self.requested.environment.success_key,
             "first_seed": self.requested.seed,
             "minutes": self.minutes,
             "verdict": self.verdict,

@@ -14,6 +14,7 @@ from lerobot_act_chunking.diagnostics.core.digests import (
     question_digest,
 )
 from lerobot_act_chunking.diagnostics.core.report import with_untrained
+from lerobot_act_chunking.diagnostics.core.success_keys import never_said
 from lerobot_act_chunking.diagnostics.core.training import untrained
 from lerobot_act_chunking.diagnostics.eval.films import choose, film
 from lerobot_act_chunking.diagnostics.eval.measuring import Results, measure
@@ -63,7 +64,7 @@ def diagnose(settings: Settings, progress: Progress | None = None) -> EvalReport
     machine = _machine()
     for each in results:
         each.run.write_eval_info(each.episodes, {"complete": complete, "machine": machine})
-    judgement = judge(results, decision)
+    judgement = judge(results, decision, _never_said(results, subjects))
     for place in subjects:
         judgement = with_untrained(judgement, untrained(place))
     return EvalReport(
@@ -112,6 +113,12 @@ def _result(run: Run, found: Results, subject: Subject, videos: int) -> RunResul
     chosen = [(result.episodes[place], result.commands(place)) for place in choose(result.episodes, videos)]
     films = film(subject.env_config, subject.config, chosen, run.folder / FILMS) if chosen else ()
     return replace(result, films=films)
+
+
+def _never_said(results: list[RunResult], subjects: dict[str, Subject]) -> str | None:
+    """That the environment, which is one for all, says nothing of success."""
+    env_config = subjects[results[0].run.checkpoint].env_config
+    return never_said(env_config, [each.instead for result in results for each in result.episodes])
 
 
 def _machine() -> dict[str, Any]:

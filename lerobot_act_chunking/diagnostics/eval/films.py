@@ -11,6 +11,7 @@ from lerobot.envs.configs import EnvConfig
 from lerobot.utils.io_utils import write_video
 
 from lerobot_act_chunking.diagnostics.core.played import Episode
+from lerobot_act_chunking.diagnostics.core.success_keys import success_key
 from lerobot_act_chunking.diagnostics.core.worlds import Worlds, open_worlds, succeeded
 from lerobot_act_chunking.durable_files import publish, scratch_path
 
@@ -63,19 +64,20 @@ def film(
     """
     worlds = open_worlds(env_config, 1, policy_config)
     try:
-        return [_film(worlds, env_config.fps, *each, folder) for each in episodes]
+        key = success_key(env_config)
+        return [_film(worlds, env_config.fps, key, *each, folder) for each in episodes]
     finally:
         worlds.close()
 
 
-def _film(worlds: Worlds, fps: int, episode: Episode, commands: np.ndarray, folder: Path) -> Film:
+def _film(worlds: Worlds, fps: int, key: str, episode: Episode, commands: np.ndarray, folder: Path) -> Film:
     (env,) = worlds.envs
     path, every = folder / f"seed_{episode.seed}.mp4", max(1, round(fps / FPS))
     env.reset(seed=episode.seed, options=worlds.reset_options)
     frames, success = [_small(env.render())], False
     for step, command in enumerate(commands, start=1):
         *_, info = env.step(command)
-        success |= succeeded(info)
+        success |= succeeded(info, key)
         if step % every == 0 or step == len(commands):
             frames.append(_small(env.render()))
     with scratch_path(folder) as part:

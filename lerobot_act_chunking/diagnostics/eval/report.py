@@ -53,6 +53,11 @@ class RunResult:
         return self.run.motion(sorted(self.groups)[group], within, "commands")
 
     @property
+    def is_judged(self) -> bool:
+        """Whether the environment ever said whether an episode succeeds."""
+        return any(each.instead is None for each in self.episodes)
+
+    @property
     def rules(self) -> dict[str, int]:
         """Episodes whose last step satisfied each of the environment's rules, beside ``is_success``."""
         names = dict.fromkeys(name for each in self.episodes for name in each.rules)
@@ -115,6 +120,7 @@ class RunResult:
             "policy_type": self.run.policy_type,
             **asdict(self.rate),
             "interval": list(self.rate.exact_interval),
+            "is_judged": self.is_judged,
             "rules": self.rules,
             "failures": self.failures,
             "stalled": self.stalled,

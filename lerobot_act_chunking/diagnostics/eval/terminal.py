@@ -11,7 +11,7 @@ from lerobot_act_chunking.diagnostics.eval.report import EvalReport
 def print_report(report: EvalReport, console: Console) -> None:
     """Print every policy, why it failed, and the verdict."""
     console.print(_policies(report))
-    if any(each.failures for each in report.results):
+    if any(each.failures and each.is_judged for each in report.results):
         console.print(_failures(report))
     for note in report.notes:
         console.print(f"[dim]- {escape(note)}[/]", highlight=False)
@@ -26,9 +26,9 @@ def _policies(report: EvalReport) -> Table:
         low, high = each.rate.exact_interval
         table.add_row(
             escape(each.run.title),
-            f"{each.rate.successes} of {each.rate.episodes}",
-            f"{100 * each.rate.rate:.1f}",
-            f"{100 * low:.1f}-{100 * high:.1f}",
+            f"{each.rate.successes if each.is_judged else '?'} of {each.rate.episodes}",
+            f"{100 * each.rate.rate:.1f}" if each.is_judged else "?",
+            f"{100 * low:.1f}-{100 * high:.1f}" if each.is_judged else "?",
             _number(each.seconds_to_success),
             f"{each.network_calls:.2g}",
             _number(each.milliseconds("network_ms")),

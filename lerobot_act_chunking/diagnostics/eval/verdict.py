@@ -9,13 +9,18 @@ from lerobot_act_chunking.diagnostics.eval.report import RunResult
 MOST_LABELS = 3
 
 
-def judge(results: Sequence[RunResult], decision: Decision | None) -> Judgement:
-    """How often each succeeds and what goes wrong; undecided only if a decision was asked for.
+def judge(
+    results: Sequence[RunResult], decision: Decision | None, never_said: str | None = None
+) -> Judgement:
+    """How often each succeeds and what goes wrong; undecided where nothing is known of success.
 
     Args:
         results: of every checkpoint and draw.
         decision: of a comparison that was to end as soon as it is decided.
+        never_said: that the environment says nothing of success, if that is so.
     """
+    if never_said is not None:
+        return Judgement("inconclusive", [never_said])
     if decision is None:
         return Judgement("pass", [_told(each) for each in results])
     low = min(decision.e_values.values())

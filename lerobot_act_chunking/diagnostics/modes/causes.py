@@ -43,6 +43,7 @@ class Evidence:
         deterministic: whether all samples of a start are the same chunk.
         switching: of the way within episodes; None if that is not known.
         inside: of a policy with a latent or with codes.
+        untold: whether there are chunks, and the demonstrated ones do not tell the ways apart.
     """
 
     config: Any
@@ -51,6 +52,7 @@ class Evidence:
     deterministic: bool = False
     switching: Switching | None = None
     inside: Inside | None = None
+    untold: bool = False
 
 
 def find_cause(evidence: Evidence, thresholds: Thresholds) -> Cause:
@@ -61,6 +63,12 @@ def find_cause(evidence: Evidence, thresholds: Thresholds) -> Cause:
     sampled_right = evidence.chunks is None or evidence.chunks.good(thresholds)
     if evidence.episodes.good(thresholds) and sampled_right:
         return Cause(NONE)
+    if evidence.untold:
+        return Cause(
+            UNKNOWN,
+            "the ways part later than the first chunk ends, or do so too little to be told apart in it",
+            "act-chunking diagnose, for what makes episodes fail",
+        )
     if evidence.chunks is None:
         return Cause(
             UNKNOWN, "the chunks could not be looked at", "give the demonstrations by --dataset=FOLDER"

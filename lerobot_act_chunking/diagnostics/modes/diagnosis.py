@@ -8,6 +8,7 @@ from lerobot_act_chunking.data.actions import is_dataset
 from lerobot_act_chunking.diagnostics.core.environments import environment_of
 from lerobot_act_chunking.diagnostics.core.report import with_untrained
 from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
+from lerobot_act_chunking.diagnostics.core.success_keys import never_said
 from lerobot_act_chunking.diagnostics.core.training import read_training, untrained
 from lerobot_act_chunking.diagnostics.modes.demonstrated import Demonstrated, read_demonstrated
 from lerobot_act_chunking.diagnostics.modes.measuring import measure
@@ -45,7 +46,9 @@ def diagnose(settings: Settings, progress: Progress | None = None) -> ModesRepor
     )
     report = measure(settings, loaded, rollouts, demonstrated)
     judgement = with_untrained(report.judgement, untrained(settings.checkpoint))
-    return replace(report, judgement=judgement)
+    unknown = never_said(env_config, [rollout.instead for rollout in rollouts])
+    notes = report.notes if unknown is None else [*report.notes, unknown[:1].upper() + unknown[1:] + "."]
+    return replace(report, judgement=judgement, notes=notes)
 
 
 def _demonstrated(settings: Settings, config: Any) -> Demonstrated | None:

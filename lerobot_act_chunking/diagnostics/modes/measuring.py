@@ -53,12 +53,14 @@ class Closer:
         switching: of the way within episodes.
         inside: of a policy with a latent or with codes.
         note: what to know about it.
+        untold: whether the chunks do not tell the ways apart.
     """
 
     chunks: SampledChunks | None = None
     switching: Switching | None = None
     inside: Inside | None = None
     note: str = ""
+    untold: bool = False
 
 
 def find_ways(
@@ -121,6 +123,7 @@ def measure(
         deterministic=closer.chunks is not None and closer.chunks.deterministic,
         switching=closer.switching,
         inside=closer.inside,
+        untold=closer.untold,
     )
     return ModesReport(
         judgement=judge(episodes, evidence.chunks, find_cause(evidence, thresholds), thresholds),
@@ -157,7 +160,7 @@ def _look_closer(
         return Closer(note="The policy does not show its chunks.")
     reference = demonstrated.reference(0, found.shape[2])
     if not reference.tells_apart:
-        return Closer(note=UNTOLD.format(length=found.shape[2]))
+        return Closer(note=UNTOLD.format(length=found.shape[2]), untold=True)
     scaled = demonstrated.scaled(found.reshape(-1, *found.shape[2:]))
     modes = reference.classify(scaled)
     chunks = SampledChunks(
@@ -198,8 +201,9 @@ def _look_inside(
 def _successes(
     rollouts: Sequence[Rollout], modes: Int64[np.ndarray, " n"], n: int
 ) -> list[SuccessRate | None]:
-    """Of the episodes of each way, and last of those that went none of them."""
+    """Of the judged episodes of each way, and last of those that went none of them."""
     known = np.where((modes >= 0) & (modes < n), modes, n)
     outcomes = np.array([each.success for each in rollouts])
-    parts = [outcomes[known == mode] for mode in range(n + 1)]
+    told = np.array([each.instead is None for each in rollouts])
+    parts = [outcomes[told & (known == mode)] for mode in range(n + 1)]
     return [SuccessRate(int(each.sum()), len(each)) if each.size else None for each in parts]

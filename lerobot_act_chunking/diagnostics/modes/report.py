@@ -49,7 +49,8 @@ class ModesReport(Report):
         source: where the proportions are from: ``recording``, ``clusters`` or ``shares``.
         told_by: what says which way an episode went: the ``environment``, or the commanded ``motion``.
         episodes: the ways that they went; None if no ways are known.
-        successes: of each way, and last of none of them; None of those that no episode went.
+        successes: of each way, and last of none of them; None of those that no episode went, and of all where
+            the environment says nothing of success.
         chunks: sampled at the starts; None if they could not be looked at.
         switching: of the way within episodes.
         inside: of a policy with a latent or with codes.
@@ -90,6 +91,7 @@ class ModesReport(Report):
             "checkpoint": asked.checkpoint,
             "policy_type": self.policy_type,
             "environment": asked.environment.name,
+            "success_key": asked.environment.success_key,
             "dataset": self.dataset,
             "seed": asked.seed,
             "source": self.source,

@@ -8,6 +8,7 @@ from lerobot.envs.configs import EnvConfig
 
 from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
 from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate
+from lerobot_act_chunking.diagnostics.core.success_keys import check_said
 from lerobot_act_chunking.diagnostics.steps.grid import Cell
 from lerobot_act_chunking.policies.loading import load_policy
 
@@ -42,6 +43,9 @@ def success_by_steps(
         env_config: of the environment to run.
         seeds: one per episode.
         progress: called with the numbers of episodes finished and planned.
+
+    Raises:
+        ConfigurationError: the environment says nothing of success.
     """
     policy = load_policy(checkpoint)
     config = policy.policy.config
@@ -55,6 +59,7 @@ def success_by_steps(
                 progress(before + finished, len(cells) * len(seeds))
 
         rollouts = roll_out(policy, env_config, seeds, log_chunks=False, progress=show)
+        check_said(env_config, [rollout.instead for rollout in rollouts])
         successes = sum(rollout.success for rollout in rollouts)
         found.append(SuccessOfCell(cell, SuccessRate(successes, len(seeds))))
     return found

@@ -33,7 +33,8 @@ def diagnose(settings: Settings, progress: Progress | None = None) -> TuneReport
         progress: called with the numbers of episodes (candidates, of a dataset) done and planned so far.
 
     Raises:
-        ConfigurationError: a checkpoint or an environment that cannot be used, or nothing to write to.
+        ConfigurationError: a checkpoint or an environment that cannot be used, an environment that says
+            nothing of success, or nothing to write to.
         DatasetError: no usable dataset.
         FeatureError: the environment or dataset lacks what the policy observes.
     """

@@ -8,6 +8,7 @@ from typing import Any
 
 from lerobot_act_chunking.diagnostics.core.executable import execute
 from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
+from lerobot_act_chunking.diagnostics.core.success_keys import check_said
 from lerobot_act_chunking.diagnostics.core.tasks import InlineTasks, Tasks, WorkerTasks
 from lerobot_act_chunking.diagnostics.tune.candidates import Candidate
 from lerobot_act_chunking.diagnostics.tune.racing import Cell
@@ -33,10 +34,15 @@ class Episodes:
     seed: int
 
     def play(self, policy: LoadedPolicy, cell: CandidateCell) -> list[bool]:
-        """Which of a cell's episodes succeed."""
+        """Which of a cell's episodes succeed.
+
+        Raises:
+            ConfigurationError: the environment says nothing of success.
+        """
         execute(policy, cell.candidate.values)
         first = self.seed + cell.start
         rollouts = roll_out(policy, self.env_config, range(first, first + cell.n), log_chunks=False)
+        check_said(self.env_config, [rollout.instead for rollout in rollouts])
         return [rollout.success for rollout in rollouts]
 
 

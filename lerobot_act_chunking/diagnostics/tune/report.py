@@ -61,6 +61,7 @@ class TuneReport(Report):
             "checkpoint": self.requested.checkpoint,
             "policy_type": self.policy_type,
             "where": self.where,
+            "success_key": self.requested.environment and self.requested.environment.success_key,
             "measured_by": "success" if self.race else "replay",
             "first_seed": self.requested.seed if self.race else None,
             "seen_in_training": self.seen_in_training,

@@ -9,10 +9,23 @@ from gymnasium import spaces
 from lerobot_act_chunking.envs.rendering import Images
 from lerobot_act_chunking.envs.spaces import observation_space
 from lerobot_act_chunking.envs.three_gates.options import CAMERA, ThreeGatesOptions
-from lerobot_act_chunking.envs.three_gates.world import FPS, LIMIT, START_RADIUS, ThreeGatesWorld, gate_of
+from lerobot_act_chunking.envs.three_gates.world import (
+    FPS,
+    IN_A_GATE,
+    LIMIT,
+    START_RADIUS,
+    ThreeGatesWorld,
+    gate_of,
+)
 from lerobot_act_chunking.errors import unknown_choice
 
 INSTRUCTION = "Leave the ring through any gate."
+FAILURES = (
+    "stayed inside",  # the mass never touched the wall
+    "met the wall",  # it did, and is inside
+    "stuck in a gate",  # it is between two ends of the wall
+)
+"""In the order of how far an episode got."""
 
 
 class ThreeGatesEnv(gym.Env):
@@ -25,6 +38,8 @@ class ThreeGatesEnv(gym.Env):
 
     Info: ``mode``, the gate behind which the mass is, 0 (up), 1 (lower left) or 2 (lower right), -1 inside;
     and ``is_success``, whether it is behind any, which ends the episode. The reward is 1 there.
+
+    Failure: ``failure``, one of ``FAILURES``, or None once the episode has succeeded.
 
     Args:
         render_mode: "rgb_array" or None.
@@ -44,6 +59,7 @@ class ThreeGatesEnv(gym.Env):
         self.task = self.options.task
         self.task_description = INSTRUCTION
         self.world = ThreeGatesWorld()
+        self._met_wall = False
         self._images = Images(self.world.model, self.options)
         self.action_space = spaces.Box(-LIMIT, LIMIT, (2,), np.float32)
         vectors = ("agent_pos", "agent_vel") if self.options.agent_vel else ("agent_pos",)
@@ -57,6 +73,7 @@ class ThreeGatesEnv(gym.Env):
         distance = START_RADIUS * np.sqrt(self.np_random.random())
         angle = 2 * np.pi * self.np_random.random()
         self.world.reset(distance * np.array([np.cos(angle), np.sin(angle)]))
+        self._met_wall = False
         return self._observe(), self._info()
 
     def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
@@ -66,8 +83,20 @@ class ThreeGatesEnv(gym.Env):
             FeatureError: an action of the wrong shape or not finite.
         """
         self.world.step(action)
+        self._met_wall |= self.world.touches_wall()
         info = self._info()
         return self._observe(), float(info["is_success"]), info["is_success"], False, info
+
+    @property
+    def failure(self) -> str | None:
+        """How far this episode got, one of ``FAILURES``; None once it has succeeded."""
+        position = self.world.qpos()
+        if gate_of(position) >= 0:
+            return None
+        inside, met_wall, in_a_gate = FAILURES
+        if np.hypot(*position) > IN_A_GATE:
+            return in_a_gate
+        return met_wall if self._met_wall else inside
 
     def render(self) -> np.ndarray | None:
         """The view from above at visualization size, uint8 (height, width, 3); None without a render mode."""

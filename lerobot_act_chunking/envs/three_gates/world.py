@@ -20,6 +20,8 @@ START_RADIUS = 0.03
 OUTSIDE = 0.36
 """Distance from the centre from which on the mass is behind the wall."""
 _MASS_RADIUS, _WALL, _OPENING = 0.03, 0.02, 0.12
+IN_A_GATE = RADIUS - _WALL
+"""Distance from the centre beyond which the mass is between two ends of the wall."""
 
 _ANGLES = np.deg2rad([90.0, 210.0, 330.0])
 GATES = RADIUS * np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
@@ -92,6 +94,10 @@ class ThreeGatesWorld:
     def qvel(self) -> np.ndarray:
         """Its velocity (2,) [m/s]."""
         return self.data.qvel.copy()
+
+    def touches_wall(self) -> bool:
+        """Whether the mass touches the wall, which is all that it can touch."""
+        return bool(self.data.ncon)
 
     def gates(self) -> np.ndarray:
         """The gates' middles as seen from the mass, (6,): x and y of each."""

@@ -36,6 +36,14 @@ def cause_of(chunks, settings=None, episodes=INVALID, **found):
     return find_cause(Evidence(settings or config(), episodes, chunks, **found), USUAL)
 
 
+def test_chunks_that_do_not_tell_ways_apart_are_no_missing_demonstrations():
+    assert "--dataset" in cause_of(None).fix
+    untold = cause_of(None, untold=True)
+    assert untold.name == causes.UNKNOWN
+    assert "act-chunking diagnose" in untold.fix
+    assert "--dataset" not in untold.fix
+
+
 def test_what_is_right_has_no_cause():
     assert cause_of(RIGHT, episodes=RIGHT) == cause_of(None, episodes=RIGHT) == Cause(causes.NONE)
 

@@ -11,6 +11,7 @@ from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from planted_gates import demonstrations, of_shares
 from policy_case import KINDS
 from policy_cases import LENGTHS, TYPES
+from tiers import full_tier
 
 from lerobot_act_chunking.cli.main import main
 from lerobot_act_chunking.envs.three_gates.world import GATES
@@ -20,6 +21,35 @@ INPUTS = {
     "observation.state": PolicyFeature(FeatureType.STATE, (2,)),
     "observation.environment_state": PolicyFeature(FeatureType.ENV, (6,)),
 }
+SEEN = {
+    "observation.state": INPUTS["observation.state"],
+    "observation.images.top": PolicyFeature(FeatureType.VISUAL, (3, 96, 96)),
+}
+SHOWN = ("--env.obs_type=pixels_state", "--env.observation_height=96", "--env.observation_width=96")
+LEROBOTS = {
+    "act": (
+        INPUTS,
+        {"chunk_size": CHUNK, "n_action_steps": 8, "dim_model": 16, "n_heads": 2, "dim_feedforward": 16},
+        (),
+    ),
+    "diffusion": (
+        INPUTS,
+        {"horizon": CHUNK, "n_action_steps": 8, "down_dims": (16, 32), "num_inference_steps": 2},
+        (),
+    ),
+    "vqbet": (
+        SEEN,
+        {
+            "pretrained_backbone_weights": None,
+            "gpt_n_layer": 1,
+            "gpt_n_head": 2,
+            "gpt_hidden_dim": 16,
+            "gpt_output_dim": 16,
+        },
+        SHOWN,
+    ),
+}
+"""Of each type what it observes, its settings, and fields of the environment."""
 OURS = [name for name in TYPES if "preset" in PreTrainedConfig.get_choice_class(name).__dataclass_fields__]
 
 
@@ -42,19 +72,24 @@ def dataset(tmp_path_factory):
     return folder
 
 
-def checkpoint(folder, dataset, kind, **settings):
+def checkpoint(folder, dataset, kind, inputs=INPUTS, **settings):
     torch.manual_seed(0)
-    length = {LENGTHS[kind]: CHUNK}
+    sizes = {**KINDS[kind].sizes, LENGTHS[kind]: CHUNK} if kind in OURS else {}
     config = PreTrainedConfig.get_choice_class(kind)(
         device="cpu",
         push_to_hub=False,
-        input_features=dict(INPUTS),
+        input_features=dict(inputs),
         output_features={"action": PolicyFeature(FeatureType.ACTION, (2,))},
-        **{**KINDS[kind].sizes, **length, **settings},
+        **{**sizes, **settings},
     )
     policy = get_policy_class(kind)(config)
     stats = {
-        key: {"mean": torch.zeros(n), "std": torch.full((n,), 0.2)}
+        key: {
+            "mean": torch.zeros(n),
+            "std": torch.full((n,), 0.2),
+            "min": torch.full((n,), -0.5),
+            "max": torch.full((n,), 0.5),
+        }
         for key, n in (("action", 2), ("observation.state", 2), ("observation.environment_state", 6))
     }
     for part in (policy, *make_pre_post_processors(config, dataset_stats=stats)):
@@ -79,6 +114,19 @@ def test_every_type_is_counted_and_looked_into(kind, dataset, tmp_path):
     assert content["episodes"]["n"] == 8
     assert content["chunks"]["n"] == EPISODES * content["chunks"]["per_start"]
     assert content["reasons"][0].startswith("the policy at")  # untrained
+
+
+@full_tier
+@pytest.mark.parametrize("kind", LEROBOTS)
+def test_lerobots_own_policies_show_their_ways_and_their_first_chunks(kind, dataset, tmp_path):
+    inputs, sizes, fields = LEROBOTS[kind]
+    status, content = modes(
+        checkpoint(tmp_path / "policy", dataset, kind, inputs, **sizes), tmp_path, *fields
+    )
+    assert (status, content["policy_type"], content["episodes"]["n"]) == (10, kind, 8)
+    assert content["told_by"] == "environment"
+    assert content["chunks"]["per_start"] == 1
+    assert content["chunks"]["n"] == 8
 
 
 @pytest.mark.parametrize("kind", [each for each in OURS if each.startswith("act")])

@@ -9,7 +9,7 @@ from gymnasium.utils.env_checker import check_env
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lerobot_act_chunking.envs.three_gates.env import ThreeGatesEnv
+from lerobot_act_chunking.envs.three_gates.env import FAILURES, ThreeGatesEnv
 from lerobot_act_chunking.envs.three_gates.world import GATES, LIMIT, OUTSIDE, RADIUS, START_RADIUS, gate_of
 from lerobot_act_chunking.errors import ConfigurationError, FeatureError
 
@@ -153,6 +153,34 @@ def test_the_mean_of_two_ways_never_gets_out(make, middle):
         info, furthest = push(env, at(middle, LIMIT))
         assert info == {"is_success": False, "mode": -1}
         assert furthest < RADIUS - 0.03
+
+
+@pytest.mark.parametrize(
+    ("angle", "distance", "failure"),
+    [
+        (30, 0.1, "stayed inside"),
+        (30, LIMIT, "met the wall"),
+        (90, 0.1, "stayed inside"),
+        (90, RADIUS, "stuck in a gate"),
+        (90, LIMIT, None),
+    ],
+)
+def test_how_far_an_episode_got(make, angle, distance, failure):
+    env = make()
+    env.reset(seed=4)
+    push(env, at(angle, distance), steps=20)
+    assert env.failure == failure
+    assert failure in (*FAILURES, None)
+
+
+def test_who_met_the_wall_and_left_it_did_not_stay_inside(make):
+    env = make()
+    env.reset(seed=4)
+    push(env, at(30, LIMIT), steps=20)
+    push(env, at(30, 0.0), steps=20)
+    assert env.failure == "met the wall"
+    env.reset(seed=4)
+    assert env.failure == "stayed inside"
 
 
 @given(st.floats(0, 360), st.floats(0, 0.7))
