@@ -87,7 +87,8 @@ def _watched(get_action: Callable[..., Any]) -> Callable[..., Any]:
         action, queue = get_action(engine, obs_frame), engine.action_queue
         if queue is not None:
             watches.setdefault(engine, LateChunks(engine._fps)).check(queue)
-        return action
+        limits = getattr(engine._policy, "limits", None)
+        return action if action is None or limits is None else limits(action[None])[0]
 
     return watched
 

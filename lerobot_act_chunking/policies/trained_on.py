@@ -5,6 +5,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import wraps
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from lerobot.utils.constants import ACTION
 from lerobot_act_chunking.data.dimension_names import given_names
 
 ROLLOUT = "lerobot.rollout.context"
+PARKED = 0.05  # of a vector's widest range: what moves less was parked, and its noise says nothing
 logger = logging.getLogger(__name__)
 
 
@@ -25,16 +27,20 @@ class TrainedOn:
         names: of the dimensions of each vector, by LeRobot's key; none where the dataset has none.
         low: least value of each dimension in the demonstrations, by key, in the robot's units.
         high: greatest value, likewise.
+        largest_change: of each action dimension in one control step, as in 19 of 20 episodes.
     """
 
     fps: float | None = None
     names: dict[str, list[str]] = field(default_factory=dict)
     low: dict[str, list[float]] = field(default_factory=dict)
     high: dict[str, list[float]] = field(default_factory=dict)
+    largest_change: list[float] = field(default_factory=list)
 
     @classmethod
     def of_dataset(cls, meta: Any, keys: list[str]) -> "TrainedOn":
-        """What LeRobot's metadata of a dataset says of these vectors."""
+        """What a dataset says of these vectors, by LeRobot's metadata of it and its actions."""
+        from lerobot_act_chunking.data.actions import largest_changes
+
         found = cls(fps=float(meta.fps))
         for key in (each for each in keys if each in meta.features):
             if names := given_names(meta.features[key]):
@@ -42,7 +48,14 @@ class TrainedOn:
             stats = (meta.stats or {}).get(key, {})
             if {"min", "max"} <= stats.keys():
                 found.low[key], found.high[key] = (np.ravel(stats[name]).tolist() for name in ("min", "max"))
+        if len(shape := meta.features[ACTION]["shape"]) == 1:
+            found.largest_change = largest_changes(Path(meta.root), shape[0]).tolist()
         return found
+
+    def spans(self, key: str) -> np.ndarray:
+        """The demonstrated range of each dimension; of a parked one what counts as moving."""
+        span = np.array(self.high[key]) - np.array(self.low[key])
+        return np.maximum(span, max(PARKED * span.max(), 1e-6))
 
 
 @dataclass
@@ -50,7 +63,7 @@ class RemembersTraining:
     """Mixin for policy configurations that hold what the policy was trained on.
 
     Attributes:
-        trained_on: not a setting: rate, names and ranges of the demonstrations. Training fills it in.
+        trained_on: not a setting: rate, names, ranges and speeds of the demonstrations. Training fills it in.
     """
 
     trained_on: TrainedOn | None = None

@@ -1,10 +1,14 @@
 """LeRobot 0.6's policy server for every installed policy type, and for the checkpoints that were allowed."""
 
-from collections.abc import Iterator, Mapping
+import copy
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from math import ceil
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import torch
@@ -28,6 +32,7 @@ from lerobot.async_inference import policy_server  # noqa: E402
 from lerobot.async_inference.configs import PolicyServerConfig  # noqa: E402
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
+REMEMBERED = 10  # chunks, by whose longest time to compute the next one is expected
 WORKERS = 4  # calls that are answered at a time: observations come in while a chunk is computed
 
 
@@ -44,13 +49,17 @@ class Served:
     config: Any
 
     @classmethod
-    def of(cls, path: str) -> "Served":
-        """The checkpoint at ``path``.
+    def of(cls, path: str, settings: Sequence[str] = ()) -> "Served":
+        """The checkpoint at ``path``, with other settings.
+
+        Args:
+            path: folder or repo id.
+            settings: as in ``action_limits=demonstrations``.
 
         Raises:
-            ConfigurationError: there is none, or it lacks weights or processors.
+            ConfigurationError: there is none, it lacks weights or processors, or a setting cannot work.
         """
-        config = read_config(path)
+        config = read_config(path, settings)
         check_complete(path, config.type)
         return cls(path, config)
 
@@ -101,10 +110,13 @@ class ChunkServer(policy_server.PolicyServer):
     def __init__(self, served: list[Served], config: PolicyServerConfig):
         super().__init__(config)
         self._served = served
+        self._seconds: deque[float] = deque(maxlen=REMEMBERED)
+        self._sent: tuple[int, torch.Tensor] | None = None  # the last chunk, and the step at which it begins
 
     def Ready(self, request: Any, context: Any) -> Any:  # noqa: N802 (LeRobot's protocol)
         """A client begins anew."""
         self.last_processed_obs = None  # pyright: ignore[reportAttributeAccessIssue]
+        self._sent = None
         if self.policy is not None:
             self.policy.reset()
         return super().Ready(request, context)
@@ -134,7 +146,8 @@ class ChunkServer(policy_server.PolicyServer):
         self.lerobot_features, self.actions_per_chunk = specs.lerobot_features, specs.actions_per_chunk
         device = {"device": specs.device}
         with explained(served.path):
-            policy = get_policy_class(specs.policy_type).from_pretrained(served.path)
+            config = copy.deepcopy(served.config)
+            policy = get_policy_class(specs.policy_type).from_pretrained(served.path, config=config)
             self.policy = policy.to(specs.device).eval()
             self.preprocessor, self.postprocessor = make_pre_post_processors(
                 policy.config,
@@ -159,13 +172,41 @@ class ChunkServer(policy_server.PolicyServer):
         # LeRobot leaves out what is less than 1 away from the observation before: of joints in radians, all.
         return obs.get_timestep() not in self._predicted_timesteps
 
+    def _predict_action_chunk(self, observation_t: Any) -> Any:
+        began = perf_counter()
+        actions = super()._predict_action_chunk(observation_t)
+        self._seconds.append(perf_counter() - began)
+        return actions
+
     def _get_action_chunk(self, observation: dict[str, Any]) -> torch.Tensor:
         # A client sends observations from time to time: those before are no history of the one that came.
         alone = {"inference_delay": 0, "prev_chunk_left_over": None}
         arguments = alone if supports_rtc_inference(self.policy) else {}
         with torch.inference_mode():
             chunk = self.policy.predict_action_chunk(observation, **arguments)
-        return (chunk if chunk.ndim == 3 else chunk[None])[:, : self.actions_per_chunk]
+        return self._within_limits((chunk if chunk.ndim == 3 else chunk[None])[:, : self.actions_per_chunk])
+
+    def _within_limits(self, chunk: torch.Tensor) -> torch.Tensor:
+        """The chunk (1, T, A) that the client may execute.
+
+        Until it arrives, the client goes on with the one before. Speeds are limited from there on.
+        """
+        policy: Any = self.policy
+        limits = getattr(policy, "limits", None)
+        if limits is None:
+            return chunk
+        step = self.last_processed_obs.get_timestep()
+        chunk = chunk.clone()
+        if self._sent is not None and policy.config.max_speed is not None:
+            begun, before = self._sent
+            fps = policy.config.trained_on.fps or self.config.fps
+            late = 1 + ceil(fps * max(self._seconds, default=0.0))  # steps, with that of the observation
+            going_on = before[:, step - begun :][:, : late + 1][:, : chunk.shape[1]]
+            chunk[:, : going_on.shape[1]] = going_on
+        limits.reset()
+        chunk = torch.stack([limits.normalised(action) for action in chunk.unbind(1)], dim=1)
+        self._sent = step, chunk
+        return chunk
 
 
 @contextmanager

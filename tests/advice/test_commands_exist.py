@@ -72,8 +72,9 @@ def missing(command: str) -> str | None:
     asked = [word.split("=")[0] for word in words if word.startswith("--") and word != "--"]
     if "--env.FIELD" in known:  # `test_settings_exist` looks at the fields
         asked = [option for option in asked if not option.startswith("--env.")]
-    if "--robot.FIELD" in known:
-        asked = [option for option in asked if not option.startswith("--robot.")]
+    for prefix in ("--robot.", "--policy."):
+        if f"{prefix}FIELD" in known:
+            asked = [option for option in asked if not option.startswith(prefix)]
     return next((option for option in asked if option not in known and not hasattr(group, "commands")), None)
 
 
