@@ -1,10 +1,6 @@
 """What a checkpoint remembers of the demonstrations, so that a robot can be compared with them."""
 
-import logging
-import sys
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import wraps
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +9,7 @@ from lerobot.utils.constants import ACTION
 
 from lerobot_act_chunking.data.dimension_names import given_names
 
-ROLLOUT = "lerobot.rollout.context"
 PARKED = 0.05  # of a vector's widest range: what moves less was parked, and its noise says nothing
-logger = logging.getLogger(__name__)
 
 
 @dataclass
@@ -104,27 +98,3 @@ def wrong_rate(config: Any, fps: float) -> str | None:
         f"the policy was trained at {known:g} control steps a second and acts at {fps:g}: {factor:.3g} times "
         f"as {pace} as demonstrated; set --fps={known:g}"
     )
-
-
-def install() -> None:
-    """Let ``lerobot-rollout`` warn of a wrong rate before it begins to act.
-
-    It tells policies nothing of ``--fps``; what it makes its inference engine of has both. Harmless when
-    repeated; nothing happens before LeRobot's rollout is imported.
-    """
-    module = sys.modules.get(ROLLOUT)
-    create = getattr(module, "create_inference_engine", None)
-    if create is not None and not hasattr(create, "__wrapped__"):
-        vars(module)["create_inference_engine"] = _warning_first(create)
-
-
-def _warning_first(create: Callable[..., Any]) -> Callable[..., Any]:
-    @wraps(create)
-    def warned(*args: Any, **arguments: Any) -> Any:
-        if {"policy", "fps"} <= arguments.keys():
-            warning = wrong_rate(arguments["policy"].config, arguments["fps"])
-            if warning is not None:
-                logger.warning("%s", warning)
-        return create(*args, **arguments)
-
-    return warned

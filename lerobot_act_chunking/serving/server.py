@@ -11,6 +11,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+import numpy as np
 import torch
 from lerobot.async_inference import helpers
 from lerobot.configs import FeatureType
@@ -18,9 +19,11 @@ from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from lerobot.rollout.inference.rtc import supports_rtc_inference
 from lerobot.transport import services_pb2, services_pb2_grpc
 from lerobot.transport.utils import receive_bytes_in_chunks
+from lerobot.utils.constants import OBS_STATE
 
 from lerobot_act_chunking.errors import ActChunkingError, ConfigurationError, need
 from lerobot_act_chunking.policies.loading import check_complete, explained, read_config
+from lerobot_act_chunking.policies.rollout_watch import RolloutWatch
 from lerobot_act_chunking.serving.messages import read
 
 grpc = need("grpc", "act-chunking serve", "lerobot_policy_act_chunking[serve]")
@@ -111,6 +114,7 @@ class ChunkServer(policy_server.PolicyServer):
         super().__init__(config)
         self._served = served
         self._seconds: deque[float] = deque(maxlen=REMEMBERED)
+        self._watching: RolloutWatch | None = None
         self._sent: tuple[int, torch.Tensor] | None = None  # the last chunk, and the step at which it begins
 
     def Ready(self, request: Any, context: Any) -> Any:  # noqa: N802 (LeRobot's protocol)
@@ -158,6 +162,8 @@ class ChunkServer(policy_server.PolicyServer):
                 },
                 postprocessor_overrides={"device_processor": device},
             )
+        known = getattr(served.config, "trained_on", None)
+        self._watching = None if known is None else RolloutWatch(known, known.fps or self.config.fps)
 
     def SendObservations(self, request_iterator: Any, context: Any) -> Any:  # noqa: N802
         """Take an observation; the newest one is used."""
@@ -165,8 +171,22 @@ class ChunkServer(policy_server.PolicyServer):
             stopped: Any = self.shutdown_event
             message = receive_bytes_in_chunks(request_iterator, None, stopped, "observation")
             if message is not None:
-                self._enqueue_observation(read(message))
+                seen = read(message)
+                self._watch(seen)
+                self._enqueue_observation(seen)
         return services_pb2.Empty()  # pyright: ignore[reportAttributeAccessIssue]
+
+    def _watch(self, seen: Any) -> None:
+        """Notice cameras and joints of the client that stand still."""
+        if self._watching is None:
+            return
+        raw, going_on = seen.get_observation(), self._sent
+        names = self.lerobot_features.get(OBS_STATE, {}).get("names", [])
+        frame = {key: value for key, value in raw.items() if getattr(value, "ndim", 0) == 3}
+        action = None
+        if going_on is not None and 0 <= seen.get_timestep() - going_on[0] < going_on[1].shape[1]:
+            action = self.postprocessor(going_on[1][:, seen.get_timestep() - going_on[0]])[0].cpu()
+        self._watching.see({**frame, OBS_STATE: np.array([raw[name] for name in names])}, action)
 
     def _obs_sanity_checks(self, obs: Any, previous_obs: Any) -> bool:
         # LeRobot leaves out what is less than 1 away from the observation before: of joints in radians, all.
@@ -180,33 +200,47 @@ class ChunkServer(policy_server.PolicyServer):
 
     def _get_action_chunk(self, observation: dict[str, Any]) -> torch.Tensor:
         # A client sends observations from time to time: those before are no history of the one that came.
-        alone = {"inference_delay": 0, "prev_chunk_left_over": None}
-        arguments = alone if supports_rtc_inference(self.policy) else {}
+        going_on, delay = self._going_on()
+        arguments = {"inference_delay": delay, "prev_chunk_left_over": going_on}
         with torch.inference_mode():
-            chunk = self.policy.predict_action_chunk(observation, **arguments)
-        return self._within_limits((chunk if chunk.ndim == 3 else chunk[None])[:, : self.actions_per_chunk])
+            chunk = self.policy.predict_action_chunk(
+                observation, **(arguments if supports_rtc_inference(self.policy) else {})
+            )
+        chunk = (chunk if chunk.ndim == 3 else chunk[None])[:, : self.actions_per_chunk]
+        chunk = self._within_limits(chunk, going_on, delay)
+        self._sent = self._step, chunk
+        return chunk
 
-    def _within_limits(self, chunk: torch.Tensor) -> torch.Tensor:
-        """The chunk (1, T, A) that the client may execute.
+    @property
+    def _step(self) -> int:
+        """Of the observation that was taken last."""
+        seen: Any = self.last_processed_obs
+        return seen.get_timestep()
 
-        Until it arrives, the client goes on with the one before. Speeds are limited from there on.
+    def _going_on(self) -> tuple[torch.Tensor | None, int]:
+        """What the client does until the new chunk arrives (1, P, A), and for how many steps at most.
+
+        Its first action is the one of the observation, as that of the new chunk.
         """
-        policy: Any = self.policy
-        limits = getattr(policy, "limits", None)
+        if self._sent is None:
+            return None, 0
+        begun, before = self._sent
+        left = before[:, self._step - begun :]
+        known = getattr(self.policy.config, "trained_on", None)  # pyright: ignore[reportOptionalMemberAccess]
+        fps = (known and known.fps) or self.config.fps
+        delay = 1 + ceil(fps * max(self._seconds, default=0.0))
+        return (left, min(delay, left.shape[1])) if left.shape[1] else (None, 0)
+
+    def _within_limits(self, chunk: torch.Tensor, going_on: torch.Tensor | None, delay: int) -> torch.Tensor:
+        """The chunk (1, T, A) that may be executed; speeds are limited from where the client will be."""
+        limits = getattr(self.policy, "limits", None)
         if limits is None:
             return chunk
-        step = self.last_processed_obs.get_timestep()
-        chunk = chunk.clone()
-        if self._sent is not None and policy.config.max_speed is not None:
-            begun, before = self._sent
-            fps = policy.config.trained_on.fps or self.config.fps
-            late = 1 + ceil(fps * max(self._seconds, default=0.0))  # steps, with that of the observation
-            going_on = before[:, step - begun :][:, : late + 1][:, : chunk.shape[1]]
-            chunk[:, : going_on.shape[1]] = going_on
+        if going_on is not None:
+            delay = min(delay, chunk.shape[1])
+            chunk = torch.cat([going_on[:, :delay], chunk[:, delay:]], dim=1)
         limits.reset()
-        chunk = torch.stack([limits.normalised(action) for action in chunk.unbind(1)], dim=1)
-        self._sent = step, chunk
-        return chunk
+        return torch.stack([limits.normalised(action) for action in chunk.unbind(1)], dim=1)
 
 
 @contextmanager

@@ -129,22 +129,40 @@ def test_what_was_observed_before_is_no_history_of_what_comes_now():
     policy = Case("arm", "act_chunked", STATE, history).policy().eval()
     server = ChunkServer([], PolicyServerConfig())
     server.policy, server.actions_per_chunk = policy, N_ACTIONS
+
+    def sent(observation):
+        server._sent, server.last_processed_obs = None, SimpleNamespace(get_timestep=lambda: 0)
+        return server._get_action_chunk(observation)
+
     earlier, now = (dict.fromkeys(STATE, torch.full((1, 6), value)) for value in (-1.0, 1.0))
-    expected = server._get_action_chunk(now)
-    server._get_action_chunk(earlier)
-    assert torch.equal(server._get_action_chunk(now), expected)
+    expected = sent(now)
+    sent(earlier)
+    assert torch.equal(sent(now), expected)
     assert expected.shape == (1, N_ACTIONS, 4)
+
+
+def test_a_chunk_goes_on_from_the_one_before_until_it_can_arrive():
+    policy = Case("arm", "act_chunked", STATE, {"execution": "crossfade"}).policy().eval()
+    server = ChunkServer([], PolicyServerConfig())
+    server.policy, server.actions_per_chunk, chunks = policy, 5, []
+    for step, value in ((0, -1.0), (1, 1.0)):
+        server.last_processed_obs = SimpleNamespace(get_timestep=lambda step=step: step)
+        chunks.append(server._get_action_chunk(dict.fromkeys(STATE, torch.full((1, 6), value)))[0])
+        server._seconds.append(0.9 / 30)
+    alone = policy.predict_action_chunk(dict.fromkeys(STATE, torch.ones(1, 6)), inference_delay=0)[0]
+    torch.testing.assert_close(chunks[1][:2], chunks[0][1:3])
+    assert not torch.equal(chunks[1], alone)
+    torch.testing.assert_close(chunks[1][-1], alone[-1])
 
 
 @pytest.mark.parametrize("taken", [1, 2, 3])
 def test_served_chunks_keep_to_speeds_whenever_they_arrive_in_time(taken):
-    """The client goes over at the latest so many steps after the observation as the last chunk took."""
     ones = torch.ones(4)
     limits = ActionLimits(
         "abcd", low=-9 * ones, high=9 * ones, change=0.1 * ones, scale=ones, offset=0 * ones
     )
     chunks = iter([torch.zeros(1, 12, 4), torch.full((1, 12, 4), 5.0)])
-    known = SimpleNamespace(max_speed=1.0, trained_on=SimpleNamespace(fps=30.0))
+    known = SimpleNamespace(trained_on=SimpleNamespace(fps=30.0))
     server = ChunkServer([], PolicyServerConfig())
     server.policy = SimpleNamespace(
         limits=limits, config=known, predict_action_chunk=lambda _: next(chunks), reset=lambda: None
