@@ -10,16 +10,17 @@ the largest demonstrated change of that joint.
 
 import argparse
 import json
+import multiprocessing
 import os
 import re
 import runpy
 import signal
 import socket
-import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -51,22 +52,31 @@ MODES: dict[str, list[str]] = {
     "rtc": ["--inference.type=rtc"],
     "served": [],
 }
-KILLED = ("client killed, started again", "server killed, started again")
+KILLED = CLIENT_KILLED, SERVER_KILLED = "client killed, started again", "server killed, started again"
+FORK = multiprocessing.get_context("fork")
 TOLD = re.compile(r"^(?:WARNING|ERROR|\S*Error|.*(?:WARNING|ERROR)\b).*$", re.M)
 STAMP = re.compile(r"^.*?(?:WARNING|ERROR)\S*\s*(?:[\d:\- ]*)(?:\S+\.py:\d+ )?|\x1b\[\d*m")
 
 
-def note_actions(path: Path, module: str, arguments: list[str]) -> None:
-    """Run a command, and write down what it tells the arm and when; in a process of its own."""
+def note_actions(notes: Path, log: Path, module: str, arguments: list[str]) -> None:
+    """Run a command, and write down what it says, and what it tells the arm and when.
+
+    In a process of its own, forked from this one: Python and PyTorch are imported once.
+    """
     from lerobot_act_chunking.robots.so_arm_sim import SoArmSim
 
+    with log.open("ab", buffering=0) as out:
+        for stream in (1, 2):
+            os.dup2(out.fileno(), stream)
+    os.chdir(notes.parent)  # LeRobot's client writes logs where it runs
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell in the background lets it be ignored
     send = SoArmSim.send_action
-    with path.open("a") as notes:
+    with notes.open("a") as file:
 
         def noting(robot: Any, action: Any) -> Any:
             sent = send(robot, action)
-            notes.write(json.dumps([time.time(), *sent.values()]) + "\n")
-            notes.flush()
+            file.write(json.dumps([time.time(), *sent.values()]) + "\n")
+            file.flush()
             return sent
 
         SoArmSim.send_action = noting
@@ -74,31 +84,34 @@ def note_actions(path: Path, module: str, arguments: list[str]) -> None:
         runpy.run_module(module, run_name="__main__")
 
 
-def started(notes: Path, module: str, arguments: list[str], log: Path) -> subprocess.Popen[bytes]:
-    """`note_actions` of a command in a process of its own, which logs into a file."""
-    command = [sys.executable, str(Path(__file__)), "--note", str(notes), "--", module, *arguments]
-    with log.open("ab") as out:
-        return subprocess.Popen(command, stdout=out, stderr=out, env=environment())
+def started(notes: Path, log: Path, module: str, *arguments: str) -> Any:
+    """`note_actions` of a command, which has begun."""
+    process = FORK.Process(target=note_actions, args=(notes, log, module, list(arguments)))
+    process.start()
+    return process
 
 
-def environment() -> dict[str, str]:
-    """Of every command: nothing is fetched."""
-    return {**os.environ, "HF_HUB_OFFLINE": "1", "MUJOCO_GL": os.environ.get("MUJOCO_GL", "egl")}
+def ended(process: Any, patience: float = PATIENCE) -> int | None:
+    """The exit status of a process, once it is there; None if it had to be killed."""
+    process.join(patience)
+    if process.exitcode is None:
+        process.kill()
+        process.join()
+        return None
+    return process.exitcode
 
 
 @contextmanager
-def serving(checkpoint: str, port: int, log: Path) -> Iterator[subprocess.Popen[bytes]]:
+def serving(checkpoint: str, port: int, notes: Path, log: Path) -> Iterator[Any]:
     """``act-chunking serve``, listening."""
-    ours = "from lerobot_act_chunking.cli.main import main; import sys; sys.exit(main())"
-    command = [sys.executable, "-c", ours, "serve", checkpoint, "--port", str(port)]
-    with log.open("ab") as out:
-        server = subprocess.Popen(command, stdout=out, stderr=out, env=environment())
+    arguments = ["serve", checkpoint, "--port", str(port)]
+    server = started(notes, log, "lerobot_act_chunking.cli.main", *arguments)
     try:
-        wait_until(lambda: listens(port) or server.poll() is not None)
+        wait_until(lambda: listens(port) or server.exitcode is not None)
         yield server
     finally:
         server.kill()
-        server.wait()
+        server.join()
 
 
 def listens(port: int) -> bool:
@@ -136,14 +149,20 @@ def run(checkpoint: str, mode: str, fault: str, seconds: float, folder: Path) ->
     notes, log = folder / "notes", folder / "log"
     robot = robot_options(checkpoint, FAULTS.get(fault, {}))
     if mode == "served":
-        ended = _served(checkpoint, fault, seconds, robot, notes, log)
+        status = _served(checkpoint, fault, seconds, robot, notes, log)
     else:
         policy = [f"--policy.path={checkpoint}", "--policy.device=cpu", "--device=cpu", *MODES[mode]]
         rest = [f"--duration={seconds}", f"--fps={FPS}", "--return_to_initial_position=false"]
-        process = started(notes, "lerobot.scripts.lerobot_rollout", [*policy, *robot, *rest], log)
-        ended = process.wait(PATIENCE + 2 * seconds)
-    said = log.read_text(errors="replace")
-    return {"mode": mode, "fault": fault, "exit": ended, **moves(checkpoint, notes), "said": told(said)}
+        acting = started(notes, log, "lerobot.scripts.lerobot_rollout", *policy, *robot, *rest)
+        status = ended(acting, PATIENCE + 2 * seconds)
+    said, until = log.read_text(errors="replace"), time.time() if mode == "served" else None
+    return {
+        "mode": mode,
+        "fault": fault,
+        "exit": status,
+        **moves(checkpoint, notes, until),
+        "said": told(said),
+    }
 
 
 def _served(
@@ -153,28 +172,29 @@ def _served(
     port, kind = free_port(), PreTrainedConfig.from_pretrained(checkpoint).type
     asked = [f"--server_address=127.0.0.1:{port}", f"--policy_type={kind}", f"--fps={FPS}", *robot]
     asked += [f"--pretrained_name_or_path={checkpoint}", "--actions_per_chunk=40", "--policy_device=cpu"]
-    client = ("lerobot.async_inference.robot_client", asked)
-    with serving(checkpoint, port, log) as server:
-        acting = started(notes, *client, log)
-        wait_until(lambda: lines(notes) > 0 or acting.poll() is not None)
+
+    def client() -> Any:
+        process = started(notes, log, "lerobot.async_inference.robot_client", *asked)
+        wait_until(lambda: lines(notes) > 0 or process.exitcode is not None)
         time.sleep(seconds / 2)
-        if fault == KILLED[0]:
+        return process
+
+    with serving(checkpoint, port, notes, log) as server:
+        acting = client()
+        if fault == CLIENT_KILLED:
             acting.kill()
-            acting.wait()
+            acting.join()
             notes.unlink()  # another arm, which begins at home
-            acting = started(notes, *client, log)
-            wait_until(lambda: lines(notes) > 0 or acting.poll() is not None)
-        elif fault == KILLED[1]:
+            acting = client()
+        elif fault == SERVER_KILLED:
             server.kill()
-            server.wait()
+            server.join()
             time.sleep(seconds / 2)
-            with serving(checkpoint, port, log):
+            with serving(checkpoint, port, notes, log):
                 time.sleep(seconds / 2)
-                acting.send_signal(signal.SIGINT)
-                return acting.wait(PATIENCE)
         time.sleep(seconds / 2)
-        acting.send_signal(signal.SIGINT)
-        return acting.wait(PATIENCE)
+        os.kill(acting.pid, signal.SIGINT)
+        return ended(acting)
 
 
 def lines(path: Path) -> int:
@@ -182,8 +202,8 @@ def lines(path: Path) -> int:
     return path.read_text().count("\n") if path.exists() else 0
 
 
-def moves(checkpoint: str, notes: Path) -> dict[str, Any]:
-    """How far the targets changed at most in one step, and for how long the arm held."""
+def moves(checkpoint: str, notes: Path, until: float | None) -> dict[str, Any]:
+    """How far the targets changed at most in one step, and for how long the arm held, at the end, too."""
     largest = np.array(PreTrainedConfig.from_pretrained(checkpoint).trained_on.largest_change)
     if lines(notes) < 2:
         return {"actions": lines(notes), "jump": None, "longest_hold_s": None}
@@ -192,7 +212,7 @@ def moves(checkpoint: str, notes: Path) -> dict[str, Any]:
     return {
         "actions": len(rows),
         "jump": round(float(changes.max()), 3),
-        "longest_hold_s": round(float(np.diff(rows[:, 0]).max()), 3),
+        "longest_hold_s": round(float(np.diff(rows[:, 0], append=until or rows[-1, 0]).max()), 3),
     }
 
 
@@ -202,29 +222,59 @@ def told(log: str) -> list[str]:
     return list(dict.fromkeys(re.sub(r"\d+(?:\.\d+)?", "#", line)[:160] for line in found if line))
 
 
+def with_table(page: str, cells: list[dict[str, Any]]) -> str:
+    """The page with the table of these results."""
+    begin, end = page.index(BEGIN) + len(BEGIN), page.index(END)
+    return page[:begin] + table(cells) + page[end:]
+
+
+def table(cells: list[dict[str, Any]]) -> str:
+    """Faults by modes: the largest jump, whether the command ended too early, and whether it said so."""
+    by = {(each["mode"], each["fault"]): each for each in cells}
+    usual = {mode: set(by[mode, "none"]["said"]) for mode in MODES if (mode, "none") in by}
+    rows = [f"| fault | {' | '.join(MODES)} |", f"|---|{'---|' * len(MODES)}"]
+    for fault in (*FAULTS, *KILLED):
+        row = [_cell(by.get((mode, fault)), usual.get(mode, set())) for mode in MODES]
+        rows.append(f"| {fault} | {' | '.join(row)} |")
+    return "\n".join(rows) + "\n"
+
+
+def _cell(cell: dict[str, Any] | None, usual: set[str]) -> str:
+    if cell is None:
+        return "-"
+    ended = ", stops" if cell["mode"] != "served" and cell["exit"] != 0 else ""
+    told = ", told" if set(cell["said"]) - usual else ""
+    return f"{cell['jump']:.2f}{ended}{told}"
+
+
 def main() -> None:
     """Run the cells that are asked for, and write them down."""
-    if sys.argv[1:2] == ["--note"]:
-        note_actions(Path(sys.argv[2]), sys.argv[4], sys.argv[5:])
-        return
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("checkpoint", nargs="?")
+    parser.add_argument("checkpoint", nargs="?", type=Path)
+    parser.add_argument("--table", action="store_true", help="write the table of the results, run nothing")
+    parser.add_argument("--out", type=Path, default=RESULTS, help="file of the results")
     parser.add_argument("--seconds", type=float, default=8.0, help="for which each command acts")
     parser.add_argument("--modes", nargs="+", default=list(MODES), choices=list(MODES))
     parser.add_argument("--faults", nargs="+", default=[*FAULTS, *KILLED], choices=[*FAULTS, *KILLED])
     args = parser.parse_args()
-    cells = json.loads(RESULTS.read_text()) if RESULTS.exists() else []
+    if args.table:
+        PAGE.write_text(with_table(PAGE.read_text(), json.loads(RESULTS.read_text())))
+        return
+    os.environ.update({"HF_HUB_OFFLINE": "1", "MUJOCO_GL": os.environ.get("MUJOCO_GL", "egl")})
+    for module in ("lerobot.scripts.lerobot_rollout", "lerobot.async_inference.robot_client"):
+        import_module(module)
+    cells = json.loads(args.out.read_text()) if args.out.exists() else []
     for mode in args.modes:
         for fault in args.faults:
             if fault in KILLED and mode != "served":
                 continue
             with TemporaryDirectory() as folder:
-                cell = run(args.checkpoint, mode, fault, args.seconds, Path(folder))
+                cell = run(str(args.checkpoint.absolute()), mode, fault, args.seconds, Path(folder))
             print(json.dumps(cell), flush=True)
             cells = [each for each in cells if (each["mode"], each["fault"]) != (mode, fault)] + [cell]
-            RESULTS.write_text(json.dumps(cells, indent=1) + "\n")
+            args.out.write_text(json.dumps(cells, indent=1) + "\n")
 
 
 if __name__ == "__main__":

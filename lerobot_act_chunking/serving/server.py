@@ -114,6 +114,7 @@ class ChunkServer(policy_server.PolicyServer):
         super().__init__(config)
         self._served = served
         self._seconds: deque[float] = deque(maxlen=REMEMBERED)
+        self._received = perf_counter()  # the observation that a chunk is computed from
         self._watching: RolloutWatch | None = None
         self._sent: tuple[int, torch.Tensor] | None = None  # the last chunk, and the step at which it begins
 
@@ -168,12 +169,19 @@ class ChunkServer(policy_server.PolicyServer):
     def SendObservations(self, request_iterator: Any, context: Any) -> Any:  # noqa: N802
         """Take an observation; the newest one is used."""
         with _told(context, self.logger):
+            if self.policy is None:
+                raise ConfigurationError(
+                    "the client asked another server for its policy, perhaps this one before it was started "
+                    "again: start the client again, too; its robot holds"
+                )
+            received = perf_counter()
             stopped: Any = self.shutdown_event
             message = receive_bytes_in_chunks(request_iterator, None, stopped, "observation")
             if message is not None:
                 seen = read(message)
                 self._watch(seen)
-                self._enqueue_observation(seen)
+                if self._enqueue_observation(seen):
+                    self._received = received
         return services_pb2.Empty()  # pyright: ignore[reportAttributeAccessIssue]
 
     def _watch(self, seen: Any) -> None:
@@ -193,9 +201,8 @@ class ChunkServer(policy_server.PolicyServer):
         return obs.get_timestep() not in self._predicted_timesteps
 
     def _predict_action_chunk(self, observation_t: Any) -> Any:
-        began = perf_counter()
         actions = super()._predict_action_chunk(observation_t)
-        self._seconds.append(perf_counter() - began)
+        self._seconds.append(perf_counter() - self._received)
         return actions
 
     def _get_action_chunk(self, observation: dict[str, Any]) -> torch.Tensor:
@@ -225,11 +232,12 @@ class ChunkServer(policy_server.PolicyServer):
         if self._sent is None:
             return None, 0
         begun, before = self._sent
-        left = before[:, self._step - begun :]
+        left = before[:, min(self._step - begun, before.shape[1] - 1) :]
         known = getattr(self.policy.config, "trained_on", None)  # pyright: ignore[reportOptionalMemberAccess]
         fps = (known and known.fps) or self.config.fps
         delay = 1 + ceil(fps * max(self._seconds, default=0.0))
-        return (left, min(delay, left.shape[1])) if left.shape[1] else (None, 0)
+        held = max(0, delay - left.shape[1])  # steps for which the client has run out, and holds the last one
+        return torch.cat([left, left[:, -1:].expand(-1, held, -1)], dim=1), delay
 
     def _within_limits(self, chunk: torch.Tensor, going_on: torch.Tensor | None, delay: int) -> torch.Tensor:
         """The chunk (1, T, A) that may be executed; speeds are limited from where the client will be."""

@@ -149,7 +149,7 @@ def test_real_time_chunking_executes_within_the_demonstrations(checkpoint, monke
     late_chunks.install(policy)
     engine = engine_class.__new__(engine_class)
     told = iter([torch.full((A,), 7.0), torch.zeros(A), None])
-    queue = SimpleNamespace(get=lambda: next(told), original_queue=None)
+    queue = SimpleNamespace(get=lambda: next(told), original_queue=None, merge=lambda *_: None)
     vars(engine).update(_policy=policy, _action_queue=queue, _fps=30)
     assert engine.get_action(None).tolist() == pytest.approx([HIGH + 0.05 * (HIGH - LOW)] * A)
     assert torch.equal(engine.get_action(None), torch.zeros(A))
