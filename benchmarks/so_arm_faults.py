@@ -49,7 +49,7 @@ FAULTS: dict[str, dict[str, str]] = {
 MODES: dict[str, list[str]] = {
     "sync": [],
     "background": ["--policy.background=true"],
-    "rtc": ["--inference.type=rtc"],
+    "rtc": ["--inference.type=rtc", "--inference.rtc.execution_horizon=30"],
     "served": [],
 }
 KILLED = CLIENT_KILLED, SERVER_KILLED = "client killed, started again", "server killed, started again"

@@ -73,11 +73,11 @@ class Terminal:
                 time.sleep(0.1)
             return ""
         if command.startswith(CLIENT):
-            command = f"timeout --signal=INT 60 {command}"
+            command = f"env --default-signal=INT timeout --signal=INT 60 {command}"
         done = subprocess.run(
             self._bash(command), stdout=PIPE, stderr=STDOUT, text=True, check=False, **self._where()
         )
-        expected = (124, 130) if command.startswith("timeout") else (0, 10, 11) if _judges(command) else (0,)
+        expected = (124, 130) if "timeout --signal" in command else (0, 10, 11) if _judges(command) else (0,)
         assert done.returncode in expected, f"{command}\n{done.stdout[-4000:]}"
         return done.stdout
 
