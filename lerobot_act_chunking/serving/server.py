@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -188,12 +188,12 @@ class ChunkServer(policy_server.PolicyServer):
         """Notice cameras and joints of the client that stand still."""
         if self._watching is None:
             return
-        raw, going_on = seen.get_observation(), self._sent
+        raw, going_on, postprocessor = seen.get_observation(), self._sent, cast(Any, self.postprocessor)
         names = self.lerobot_features.get(OBS_STATE, {}).get("names", [])
         frame = {key: value for key, value in raw.items() if getattr(value, "ndim", 0) == 3}
         action = None
         if going_on is not None and 0 <= seen.get_timestep() - going_on[0] < going_on[1].shape[1]:
-            action = self.postprocessor(going_on[1][:, seen.get_timestep() - going_on[0]])[0].cpu()
+            action = postprocessor(going_on[1][:, seen.get_timestep() - going_on[0]])[0].cpu()
         self._watching.see({**frame, OBS_STATE: np.array([raw[name] for name in names])}, action)
 
     def _obs_sanity_checks(self, obs: Any, previous_obs: Any) -> bool:
@@ -208,7 +208,7 @@ class ChunkServer(policy_server.PolicyServer):
     def _get_action_chunk(self, observation: dict[str, Any]) -> torch.Tensor:
         # A client sends observations from time to time: those before are no history of the one that came.
         going_on, delay = self._going_on()
-        arguments = {"inference_delay": delay, "prev_chunk_left_over": going_on}
+        arguments: dict[str, Any] = {"inference_delay": delay, "prev_chunk_left_over": going_on}
         with torch.inference_mode():
             chunk = self.policy.predict_action_chunk(
                 observation, **(arguments if supports_rtc_inference(self.policy) else {})
