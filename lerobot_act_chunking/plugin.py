@@ -19,11 +19,11 @@ import lerobot_act_chunking.robots.config_so_arm_teleop  # noqa: F401
 from lerobot_act_chunking import hub
 from lerobot_act_chunking.data import fast_chunks
 from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
-from lerobot_act_chunking.policies import late_chunks, model_card, trained_on
+from lerobot_act_chunking.policies import late_chunks, model_card, rollout_watch
 
 fast_chunks.install()
 hub.install()
 model_card.install()
 late_chunks.install()
-trained_on.install()
+rollout_watch.install()
 quiet_missing_ffmpeg()

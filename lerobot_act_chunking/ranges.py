@@ -84,6 +84,8 @@ RANGES: dict[str, Range] = {
     "adaptive_scale": Range(0, 10**6, above=True),
     "n_samples": Range(2, 1000),
     "gripper_dims": Range(0, 10**5),
+    "limit_margin": Range(0, 10),
+    "max_speed": Range(0, 1000, above=True, hint="1 is as fast as demonstrated"),
     # Data and optimiser.
     "norm_std_floor": Range(0, 10**6),
     "ema_power": Range(0, 100),

@@ -37,6 +37,14 @@ def check_command(
         bool, typer.Option("--connect", help="Connect the robot and read one observation; nothing is sent.")
     ] = False,
     seconds: Annotated[float, typer.Option(help="How long it acts on the recording.")] = 5.0,
+    rename_map: Annotated[
+        str | None,
+        typer.Option(
+            "--rename_map",
+            help="As of lerobot-rollout, what the robot calls otherwise than the policy: "
+            "'{observation.images.top: observation.images.front}'.",
+        ),
+    ] = None,
     json: Json = None,
 ) -> None:
     """Whether a checkpoint fits a robot or its recordings, and how it can act in time, before the arm moves.
@@ -45,5 +53,23 @@ def check_command(
     """
     from lerobot_act_chunking.diagnostics.check import Settings, diagnose, print_report
 
-    settings = Settings(checkpoint, tuple(robot or ()), dataset, fps, connect, seconds)
+    renamed = _names(rename_map) if rename_map else {}
+    settings = Settings(checkpoint, tuple(robot or ()), dataset, fps, connect, seconds, renamed)
     finish(diagnose(settings), print_report, json=json)
+
+
+def _names(text: str) -> dict[str, str]:
+    """A mapping of names, spelled as LeRobot's commands take it."""
+    import yaml
+
+    from lerobot_act_chunking.errors import ConfigurationError
+
+    try:
+        names = yaml.safe_load(text)
+    except yaml.YAMLError:
+        names = None
+    if not isinstance(names, dict) or not all(isinstance(each, str) for each in (*names, *names.values())):
+        raise ConfigurationError(
+            f"--rename_map={text} is no mapping of names: write '{{<the robot's>: <the policy's>}}'"
+        )
+    return names

@@ -25,7 +25,7 @@ from lerobot_act_chunking.cli.record import record_command
 from lerobot_act_chunking.cli.replay import replay_command
 from lerobot_act_chunking.cli.resolution import resolution_command
 from lerobot_act_chunking.cli.running import run
-from lerobot_act_chunking.cli.serve import serve_command
+from lerobot_act_chunking.cli.serve import PolicyCommand, serve_command
 from lerobot_act_chunking.cli.settings import settings_command
 from lerobot_act_chunking.cli.smoothness import smoothness_command
 from lerobot_act_chunking.cli.steps import steps_command
@@ -53,7 +53,7 @@ app.command("train-tokenizer")(train_tokenizer_command)
 app.command("fit-prior")(fit_prior_command)
 app.command("import")(import_command)
 app.command("wrap")(wrap_command)
-app.command("serve")(serve_command)
+app.command("serve", cls=PolicyCommand)(serve_command)
 app.command("tune", cls=EnvironmentCommand)(tune_command)
 app.command("settings")(settings_command)
 app.command("data")(data_command)

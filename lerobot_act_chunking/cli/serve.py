@@ -5,7 +5,15 @@ from typing import Annotated
 
 import typer
 
+from lerobot_act_chunking.cli.environment import EnvironmentCommand
+
 CLIENT = "python -m lerobot.async_inference.robot_client"
+
+
+class PolicyCommand(EnvironmentCommand):
+    """A command whose ``--policy.FIELD`` come to it as ``FIELD=VALUE``."""
+
+    prefix = "--policy."
 
 
 def serve_command(
@@ -18,6 +26,14 @@ def serve_command(
     host: Annotated[
         str, typer.Option(help="Address to listen at; 0.0.0.0 is all of this machine's.")
     ] = "127.0.0.1",
+    policy: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--policy.FIELD",
+            metavar="VALUE",
+            help="Any setting of the policies, in place of the checkpoints': --policy.max_speed=1.5.",
+        ),
+    ] = None,
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port to listen at.")] = 8080,
 ) -> None:
     """Let policies of every installed type act through LeRobot's robot client, over a network.
@@ -31,16 +47,16 @@ def serve_command(
             "this LeRobot has a server of its own, which takes the types of plug-ins: lerobot-policy-server "
             "--help"
         )
-    _run(checkpoints, host, port)
+    _run(checkpoints, tuple(policy or ()), host, port)
 
 
-def _run(checkpoints: list[str], host: str, port: int) -> None:
+def _run(checkpoints: list[str], settings: tuple[str, ...], host: str, port: int) -> None:
     from rich.console import Console
 
     from lerobot_act_chunking.serving.server import LOOPBACK, Served, start
 
     console = Console(highlight=False, soft_wrap=True)
-    served = [Served.of(path) for path in checkpoints]
+    served = [Served.of(path, settings) for path in checkpoints]
     server = start(served, host, port)
     if host not in LOOPBACK:
         console.print(

@@ -1,7 +1,7 @@
 """May a checkpoint act on a robot? What differs, how fast it is, and in which ways it can act."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from statistics import median
 from typing import Any, ClassVar
 
@@ -42,9 +42,11 @@ class Settings:
         fps: control steps per second; None for those of the training.
         connect: whether the robot is connected, to read one observation.
         seconds: how long the policy acts on a recording.
+        rename_map: the policy's names of what the robot or the dataset calls otherwise.
 
     Raises:
-        ConfigurationError: a robot and a dataset, ``connect`` without a robot, or a number below 0.
+        ConfigurationError: a robot and a dataset, ``connect`` or other names without either, or a number
+            below 0.
         DatasetError: there is no dataset.
     """
 
@@ -54,12 +56,17 @@ class Settings:
     fps: float | None = None
     connect: bool = False
     seconds: float = 5.0
+    rename_map: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.robot and self.dataset:
             raise ConfigurationError("--robot and --dataset are checked one at a time: leave one of them out")
         if self.connect and not self.robot:
             raise ConfigurationError("--connect needs a robot: give --robot.type")
+        if self.rename_map and not (self.robot or self.dataset):
+            raise ConfigurationError(
+                "--rename_map needs a robot or a dataset: give --robot.type or --dataset"
+            )
         check_positive(seconds=self.seconds, **({} if self.fps is None else {"fps": self.fps}))
         if self.dataset is not None:
             require_dataset(self.dataset)
@@ -127,16 +134,16 @@ def diagnose(settings: Settings, policy: LoadedPolicy | None = None) -> CheckRep
     batches = [_middle(config, known)]
     if settings.robot:
         robot = make_robot(settings.robot)
-        findings += check_fit(config, known, robot_features(robot))
+        findings += check_fit(config, known, _renamed(robot_features(robot), settings.rename_map))
         if settings.connect and not failed(findings):
-            batches = [_observe(robot, config)]
+            batches = [_observe(robot, config, settings.rename_map)]
     elif settings.dataset is not None:
         data = LeRobotDataset("local/checked", root=settings.dataset)
-        findings += check_fit(config, known, data.meta.features)
+        findings += check_fit(config, known, _renamed(data.meta.features, settings.rename_map))
         fps = settings.fps or float(data.meta.fps)
         if not failed(findings):
             n = min(max(1, round(settings.seconds * fps)), len(data))
-            items: list[Any] = [data[step] for step in range(n)]
+            items: list[Any] = [_renamed(data[step], settings.rename_map) for step in range(n)]
             batches = [_batch_of(each, config) for each in items]
     findings += _check_rate(config, fps)
     real = settings.connect or settings.dataset is not None
@@ -172,15 +179,25 @@ def _batch_of(item: Mapping[str, Any], config: Any) -> dict[str, Any]:
     return {**batch, "task": [item.get("task", "")]}
 
 
-def _observe(robot: Any, config: Any) -> dict[str, Any]:
+def _renamed(there: Mapping[str, Any], rename_map: Mapping[str, str]) -> dict[str, Any]:
+    """The same by the policy's names, as ``lerobot-rollout --rename_map`` gives them to it."""
+    if gone := sorted(rename_map.keys() - there.keys()):
+        raise ConfigurationError(
+            f"--rename_map renames {', '.join(gone)}, but there are: {', '.join(sorted(there))}"
+        )
+    return {rename_map.get(key, key): each for key, each in there.items()}
+
+
+def _observe(robot: Any, config: Any, rename_map: Mapping[str, str]) -> dict[str, Any]:
     """One observation; nothing is sent."""
     robot.connect()
     try:
         seen = robot.get_observation()
     finally:
         robot.disconnect()
-    features = {key: each for key, each in robot_features(robot).items() if key in config.input_features}
-    frame = build_dataset_frame(features, seen, "observation")
+    known = robot_features(robot).items()
+    features = {key: each for key, each in known if rename_map.get(key, key) in config.input_features}
+    frame = _renamed(build_dataset_frame(features, seen, "observation"), rename_map)
     batch = prepare_observation_for_inference(frame, torch.device("cpu"), "", robot.name)
     return {**batch, "task": [""]}
 

@@ -22,6 +22,7 @@ from lerobot_act_chunking.policies.dataset_reading import DatasetReading, Featur
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields, check_gripper_dims
 from lerobot_act_chunking.policies.field_checks import check_fields
 from lerobot_act_chunking.policies.given_settings import GivenSettings
+from lerobot_act_chunking.policies.limit_fields import LimitFields
 from lerobot_act_chunking.policies.push_check import ChecksPush
 from lerobot_act_chunking.policies.seconds import to_chunk_size, to_interval, to_stride
 from lerobot_act_chunking.policies.trained_on import RemembersTraining
@@ -33,7 +34,7 @@ IN_SECONDS = ("prediction_dt", "horizon_s", "replan_s")
 
 @dataclass
 class ChunkedConfig(
-    DatasetReading, ExecutionFields, CameraFields, RemembersTraining, GivenSettings, ChecksPush
+    DatasetReading, ExecutionFields, LimitFields, CameraFields, RemembersTraining, GivenSettings, ChecksPush
 ):
     """Settings of every policy that predicts chunks from any mix of state vectors and cameras.
 
@@ -105,6 +106,7 @@ class ChunkedConfig(
 
     def __post_init__(self) -> None:
         check_fields(self)
+        self.check_limits()
         super().__post_init__()
 
     @property

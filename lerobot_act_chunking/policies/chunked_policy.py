@@ -24,6 +24,7 @@ from lerobot_act_chunking.policies.batch_seeds import BatchSeeds
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
 from lerobot_act_chunking.policies.continuing import ContinuesChunks
 from lerobot_act_chunking.policies.dataset_defaults import fit_to_dataset
+from lerobot_act_chunking.policies.limits import ActsWithinLimits
 from lerobot_act_chunking.policies.mode_balance import ModeBalance
 from lerobot_act_chunking.policies.model_card import WithModelCard
 from lerobot_act_chunking.policies.short_episodes import fit_to_episodes
@@ -37,7 +38,7 @@ Batch = dict[str, Any]
 
 
 class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](
-    ContinuesChunks, WithModelCard, PreTrainedPolicy
+    ContinuesChunks, ActsWithinLimits, WithModelCard, PreTrainedPolicy
 ):
     """Base of the policies: checks, weight averaging, checkpoints, and chunks executed one action at a time.
 
@@ -153,7 +154,10 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](
         Backbone weights come from the checkpoint, not from torch hub's cache.
         """
         kwargs = {"strict": True, "load_backbone_weights": False, **kwargs}
-        return super().from_pretrained(pretrained_name_or_path, **kwargs)
+        policy = super().from_pretrained(pretrained_name_or_path, **kwargs)
+        if kwargs.get("dataset_meta") is None:  # else it is trained, and its processors are made afterwards
+            policy.set_limits(pretrained_name_or_path, revision=kwargs.get("revision"))
+        return policy
 
     @property
     def _network(self) -> NetworkT:
@@ -171,7 +175,7 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](
                 self.eval()
             return self._prepare(self._window.stack(envs), envs, self.config.n_action_steps, delay)
 
-        return self._action_queue.advance(prepare, observation.batch_size)
+        return self.within_limits(self._action_queue.advance(prepare, observation.batch_size))
 
     def _training_window(self, batch: Batch, target: ActionTarget) -> Observation:
         """The observations (B, H, ...) of a batch to learn from; training sees random parts of images."""
@@ -248,6 +252,8 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](
             envs = indices(envs)
             self._action_queue.reset(envs)
             self._window.reset(envs)
+        if self.limits is not None:
+            self.limits.reset(envs)
         self._reset_draws(chosen)
 
     @abstractmethod

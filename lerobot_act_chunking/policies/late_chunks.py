@@ -84,12 +84,38 @@ def _watched(get_action: Callable[..., Any]) -> Callable[..., Any]:
             return get_action(engine, obs_frame)
         if noted := failures.get(engine._policy):
             raise noted[0]
-        action, queue = get_action(engine, obs_frame), engine.action_queue
+        queue = engine.action_queue
+        if queue is not None and not hasattr(queue.merge, "__wrapped__"):
+            _go_on_where_it_is(queue)
+        action = get_action(engine, obs_frame)
         if queue is not None:
             watches.setdefault(engine, LateChunks(engine._fps)).check(queue)
-        return action
+        limits = getattr(engine._policy, "limits", None)
+        return action if action is None or limits is None else limits(action[None])[0]
 
     return watched
+
+
+def _go_on_where_it_is(queue: Any) -> None:
+    """Let a chunk follow on what was executed while it was computed, in LeRobot's queue.
+
+    LeRobot leaves out as many actions of it as time has passed, rounded up. Where the loop is slower than
+    ``--fps``, and by the rounding, these are more than were executed: the robot would leap over the others.
+    A chunk that comes too late altogether still counts as such.
+    """
+    merge, n_new = queue.merge, 0
+
+    def executed(real_delay: int, before: int | None = None) -> int:
+        late = before is None or real_delay >= n_new
+        return max(0, real_delay if late else queue.last_index - before)
+
+    @functools.wraps(merge)
+    def merging(original_actions: Any, *args: Any, **arguments: Any) -> None:
+        nonlocal n_new
+        n_new = len(original_actions)
+        merge(original_actions, *args, **arguments)
+
+    queue.merge, queue._check_and_resolve_delays = merging, executed
 
 
 def _noting(predict: Callable[..., Any], noted: list[ActChunkingError]) -> Callable[..., Any]:

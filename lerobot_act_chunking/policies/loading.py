@@ -1,6 +1,6 @@
 """Loading any LeRobot checkpoint for use from Python."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -85,11 +85,16 @@ def load_policy(path: str | Path) -> LoadedPolicy:
     return LoadedPolicy(policy, *processors)
 
 
-def read_config(path: str) -> Any:
+def read_config(path: str, settings: Sequence[str] = ()) -> Any:
     """The configuration of a LeRobot checkpoint of any type, ours or not.
 
+    Args:
+        path: checkpoint folder or repo id.
+        settings: to change in it, as in ``n_action_steps=10``.
+
     Raises:
-        ConfigurationError: there is no checkpoint, or its configuration cannot be read.
+        ConfigurationError: there is no checkpoint, its configuration cannot be read, or a setting cannot
+            work.
     """
     from lerobot.configs import PreTrainedConfig
     from lerobot.utils.import_utils import register_third_party_plugins
@@ -97,7 +102,11 @@ def read_config(path: str) -> Any:
     register_third_party_plugins()
     check_checkpoint(path)
     with explained(path):
-        return PreTrainedConfig.from_pretrained(path)
+        try:
+            return PreTrainedConfig.from_pretrained(path, cli_overrides=[f"--{each}" for each in settings])
+        except SystemExit as error:  # argparse's way to refuse an option; it has printed the reason
+            given = ", ".join(f"--policy.{each}" for each in settings)
+            raise ConfigurationError(f"{path} does not take {given}") from error
 
 
 def check_checkpoint(path: str) -> None:

@@ -20,6 +20,7 @@ from lerobot_act_chunking.policies.choices import choices_of
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields
 from lerobot_act_chunking.policies.field_checks import own_fields
+from lerobot_act_chunking.policies.limit_fields import LimitFields
 from lerobot_act_chunking.ranges import RANGES, Range
 
 PACKAGE = "lerobot_act_chunking."
@@ -95,7 +96,7 @@ def _presets(config_class: type) -> tuple[str, ...]:
 
 
 def _group(config_class: type, name: str) -> str:
-    for base, group in ((ExecutionFields, GROUPS[2]), (ChunkedConfig, GROUPS[1])):
+    for base, group in ((ExecutionFields, GROUPS[2]), (LimitFields, GROUPS[2]), (ChunkedConfig, GROUPS[1])):
         if issubclass(config_class, base) and name in _declared(base):
             return group
     return GROUPS[0]

@@ -1,10 +1,7 @@
 """What a checkpoint remembers of the demonstrations, so that a robot can be compared with them."""
 
-import logging
-import sys
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import wraps
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,8 +9,7 @@ from lerobot.utils.constants import ACTION
 
 from lerobot_act_chunking.data.dimension_names import given_names
 
-ROLLOUT = "lerobot.rollout.context"
-logger = logging.getLogger(__name__)
+PARKED = 0.05  # of a vector's widest range: what moves less was parked, and its noise says nothing
 
 
 @dataclass
@@ -25,16 +21,20 @@ class TrainedOn:
         names: of the dimensions of each vector, by LeRobot's key; none where the dataset has none.
         low: least value of each dimension in the demonstrations, by key, in the robot's units.
         high: greatest value, likewise.
+        largest_change: of each action dimension in one control step, as in 19 of 20 episodes.
     """
 
     fps: float | None = None
     names: dict[str, list[str]] = field(default_factory=dict)
     low: dict[str, list[float]] = field(default_factory=dict)
     high: dict[str, list[float]] = field(default_factory=dict)
+    largest_change: list[float] = field(default_factory=list)
 
     @classmethod
     def of_dataset(cls, meta: Any, keys: list[str]) -> "TrainedOn":
-        """What LeRobot's metadata of a dataset says of these vectors."""
+        """What a dataset says of these vectors, by LeRobot's metadata of it and its actions."""
+        from lerobot_act_chunking.data.actions import largest_changes
+
         found = cls(fps=float(meta.fps))
         for key in (each for each in keys if each in meta.features):
             if names := given_names(meta.features[key]):
@@ -42,7 +42,14 @@ class TrainedOn:
             stats = (meta.stats or {}).get(key, {})
             if {"min", "max"} <= stats.keys():
                 found.low[key], found.high[key] = (np.ravel(stats[name]).tolist() for name in ("min", "max"))
+        if len(shape := meta.features[ACTION]["shape"]) == 1:
+            found.largest_change = largest_changes(Path(meta.root), shape[0]).tolist()
         return found
+
+    def spans(self, key: str) -> np.ndarray:
+        """The demonstrated range of each dimension; of a parked one what counts as moving."""
+        span = np.array(self.high[key]) - np.array(self.low[key])
+        return np.maximum(span, max(PARKED * span.max(), 1e-6))
 
 
 @dataclass
@@ -50,7 +57,7 @@ class RemembersTraining:
     """Mixin for policy configurations that hold what the policy was trained on.
 
     Attributes:
-        trained_on: not a setting: rate, names and ranges of the demonstrations. Training fills it in.
+        trained_on: not a setting: rate, names, ranges and speeds of the demonstrations. Training fills it in.
     """
 
     trained_on: TrainedOn | None = None
@@ -91,27 +98,3 @@ def wrong_rate(config: Any, fps: float) -> str | None:
         f"the policy was trained at {known:g} control steps a second and acts at {fps:g}: {factor:.3g} times "
         f"as {pace} as demonstrated; set --fps={known:g}"
     )
-
-
-def install() -> None:
-    """Let ``lerobot-rollout`` warn of a wrong rate before it begins to act.
-
-    It tells policies nothing of ``--fps``; what it makes its inference engine of has both. Harmless when
-    repeated; nothing happens before LeRobot's rollout is imported.
-    """
-    module = sys.modules.get(ROLLOUT)
-    create = getattr(module, "create_inference_engine", None)
-    if create is not None and not hasattr(create, "__wrapped__"):
-        vars(module)["create_inference_engine"] = _warning_first(create)
-
-
-def _warning_first(create: Callable[..., Any]) -> Callable[..., Any]:
-    @wraps(create)
-    def warned(*args: Any, **arguments: Any) -> Any:
-        if {"policy", "fps"} <= arguments.keys():
-            warning = wrong_rate(arguments["policy"].config, arguments["fps"])
-            if warning is not None:
-                logger.warning("%s", warning)
-        return create(*args, **arguments)
-
-    return warned

@@ -1,12 +1,17 @@
 """LeRobot 0.6's policy server for every installed policy type, and for the checkpoints that were allowed."""
 
-from collections.abc import Iterator, Mapping
+import copy
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from math import ceil
 from pathlib import Path
-from typing import Any
+from time import perf_counter
+from typing import Any, cast
 
+import numpy as np
 import torch
 from lerobot.async_inference import helpers
 from lerobot.configs import FeatureType
@@ -14,9 +19,11 @@ from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from lerobot.rollout.inference.rtc import supports_rtc_inference
 from lerobot.transport import services_pb2, services_pb2_grpc
 from lerobot.transport.utils import receive_bytes_in_chunks
+from lerobot.utils.constants import OBS_STATE
 
 from lerobot_act_chunking.errors import ActChunkingError, ConfigurationError, need
 from lerobot_act_chunking.policies.loading import check_complete, explained, read_config
+from lerobot_act_chunking.policies.rollout_watch import RolloutWatch
 from lerobot_act_chunking.serving.messages import read
 
 grpc = need("grpc", "act-chunking serve", "lerobot_policy_act_chunking[serve]")
@@ -28,6 +35,7 @@ from lerobot.async_inference import policy_server  # noqa: E402
 from lerobot.async_inference.configs import PolicyServerConfig  # noqa: E402
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
+REMEMBERED = 10  # chunks, by whose longest time to compute the next one is expected
 WORKERS = 4  # calls that are answered at a time: observations come in while a chunk is computed
 
 
@@ -44,13 +52,17 @@ class Served:
     config: Any
 
     @classmethod
-    def of(cls, path: str) -> "Served":
-        """The checkpoint at ``path``.
+    def of(cls, path: str, settings: Sequence[str] = ()) -> "Served":
+        """The checkpoint at ``path``, with other settings.
+
+        Args:
+            path: folder or repo id.
+            settings: as in ``action_limits=demonstrations``.
 
         Raises:
-            ConfigurationError: there is none, or it lacks weights or processors.
+            ConfigurationError: there is none, it lacks weights or processors, or a setting cannot work.
         """
-        config = read_config(path)
+        config = read_config(path, settings)
         check_complete(path, config.type)
         return cls(path, config)
 
@@ -101,10 +113,15 @@ class ChunkServer(policy_server.PolicyServer):
     def __init__(self, served: list[Served], config: PolicyServerConfig):
         super().__init__(config)
         self._served = served
+        self._seconds: deque[float] = deque(maxlen=REMEMBERED)
+        self._received = perf_counter()  # the observation that a chunk is computed from
+        self._watching: RolloutWatch | None = None
+        self._sent: tuple[int, torch.Tensor] | None = None  # the last chunk, and the step at which it begins
 
     def Ready(self, request: Any, context: Any) -> Any:  # noqa: N802 (LeRobot's protocol)
         """A client begins anew."""
         self.last_processed_obs = None  # pyright: ignore[reportAttributeAccessIssue]
+        self._sent = None
         if self.policy is not None:
             self.policy.reset()
         return super().Ready(request, context)
@@ -134,7 +151,8 @@ class ChunkServer(policy_server.PolicyServer):
         self.lerobot_features, self.actions_per_chunk = specs.lerobot_features, specs.actions_per_chunk
         device = {"device": specs.device}
         with explained(served.path):
-            policy = get_policy_class(specs.policy_type).from_pretrained(served.path)
+            config = copy.deepcopy(served.config)
+            policy = get_policy_class(specs.policy_type).from_pretrained(served.path, config=config)
             self.policy = policy.to(specs.device).eval()
             self.preprocessor, self.postprocessor = make_pre_post_processors(
                 policy.config,
@@ -145,27 +163,92 @@ class ChunkServer(policy_server.PolicyServer):
                 },
                 postprocessor_overrides={"device_processor": device},
             )
+        known = getattr(served.config, "trained_on", None)
+        self._watching = None if known is None else RolloutWatch(known, known.fps or self.config.fps)
 
     def SendObservations(self, request_iterator: Any, context: Any) -> Any:  # noqa: N802
         """Take an observation; the newest one is used."""
         with _told(context, self.logger):
+            if self.policy is None:
+                raise ConfigurationError(
+                    "the client asked another server for its policy, perhaps this one before it was started "
+                    "again: start the client again, too; its robot holds"
+                )
+            received = perf_counter()
             stopped: Any = self.shutdown_event
             message = receive_bytes_in_chunks(request_iterator, None, stopped, "observation")
             if message is not None:
-                self._enqueue_observation(read(message))
+                seen = read(message)
+                self._watch(seen)
+                if self._enqueue_observation(seen):
+                    self._received = received
         return services_pb2.Empty()  # pyright: ignore[reportAttributeAccessIssue]
+
+    def _watch(self, seen: Any) -> None:
+        """Notice cameras and joints of the client that stand still."""
+        if self._watching is None:
+            return
+        raw, going_on, postprocessor = seen.get_observation(), self._sent, cast(Any, self.postprocessor)
+        names = self.lerobot_features.get(OBS_STATE, {}).get("names", [])
+        frame = {key: value for key, value in raw.items() if getattr(value, "ndim", 0) == 3}
+        action = None
+        if going_on is not None and 0 <= seen.get_timestep() - going_on[0] < going_on[1].shape[1]:
+            action = postprocessor(going_on[1][:, seen.get_timestep() - going_on[0]])[0].cpu()
+        self._watching.see({**frame, OBS_STATE: np.array([raw[name] for name in names])}, action)
 
     def _obs_sanity_checks(self, obs: Any, previous_obs: Any) -> bool:
         # LeRobot leaves out what is less than 1 away from the observation before: of joints in radians, all.
         return obs.get_timestep() not in self._predicted_timesteps
 
+    def _predict_action_chunk(self, observation_t: Any) -> Any:
+        actions = super()._predict_action_chunk(observation_t)
+        self._seconds.append(perf_counter() - self._received)
+        return actions
+
     def _get_action_chunk(self, observation: dict[str, Any]) -> torch.Tensor:
         # A client sends observations from time to time: those before are no history of the one that came.
-        alone = {"inference_delay": 0, "prev_chunk_left_over": None}
-        arguments = alone if supports_rtc_inference(self.policy) else {}
+        going_on, delay = self._going_on()
+        arguments: dict[str, Any] = {"inference_delay": delay, "prev_chunk_left_over": going_on}
         with torch.inference_mode():
-            chunk = self.policy.predict_action_chunk(observation, **arguments)
-        return (chunk if chunk.ndim == 3 else chunk[None])[:, : self.actions_per_chunk]
+            chunk = self.policy.predict_action_chunk(
+                observation, **(arguments if supports_rtc_inference(self.policy) else {})
+            )
+        chunk = (chunk if chunk.ndim == 3 else chunk[None])[:, : self.actions_per_chunk]
+        chunk = self._within_limits(chunk, going_on, delay)
+        self._sent = self._step, chunk
+        return chunk
+
+    @property
+    def _step(self) -> int:
+        """Of the observation that was taken last."""
+        seen: Any = self.last_processed_obs
+        return seen.get_timestep()
+
+    def _going_on(self) -> tuple[torch.Tensor | None, int]:
+        """What the client does until the new chunk arrives (1, P, A), and for how many steps at most.
+
+        Its first action is the one of the observation, as that of the new chunk.
+        """
+        if self._sent is None:
+            return None, 0
+        begun, before = self._sent
+        left = before[:, min(self._step - begun, before.shape[1] - 1) :]
+        known = getattr(self.policy.config, "trained_on", None)  # pyright: ignore[reportOptionalMemberAccess]
+        fps = (known and known.fps) or self.config.fps
+        delay = 1 + ceil(fps * max(self._seconds, default=0.0))
+        held = max(0, delay - left.shape[1])  # steps for which the client has run out, and holds the last one
+        return torch.cat([left, left[:, -1:].expand(-1, held, -1)], dim=1), delay
+
+    def _within_limits(self, chunk: torch.Tensor, going_on: torch.Tensor | None, delay: int) -> torch.Tensor:
+        """The chunk (1, T, A) that may be executed; speeds are limited from where the client will be."""
+        limits = getattr(self.policy, "limits", None)
+        if limits is None:
+            return chunk
+        if going_on is not None:
+            delay = min(delay, chunk.shape[1])
+            chunk = torch.cat([going_on[:, :delay], chunk[:, delay:]], dim=1)
+        limits.reset()
+        return torch.stack([limits.normalised(action) for action in chunk.unbind(1)], dim=1)
 
 
 @contextmanager

@@ -5,6 +5,7 @@ import itertools
 import re
 from dataclasses import fields
 from functools import cache
+from importlib import import_module
 from importlib.metadata import distribution, requires
 from pathlib import Path
 
@@ -56,6 +57,8 @@ def commands(pattern: re.Pattern[str]) -> list[tuple[str, str]]:
 def options(*kinds: type) -> set[str]:
     """All fields of all registered configurations of these kinds."""
     register_third_party_plugins()
+    for module in ("robots.so_follower", "teleoperators.so_leader"):
+        import_module(f"lerobot.{module}")
     classes = itertools.chain(*(kind.get_known_choices().values() for kind in kinds))
     return {each.name for config_class in classes for each in fields(config_class)}
 
@@ -72,8 +75,9 @@ def missing(command: str) -> str | None:
     asked = [word.split("=")[0] for word in words if word.startswith("--") and word != "--"]
     if "--env.FIELD" in known:  # `test_settings_exist` looks at the fields
         asked = [option for option in asked if not option.startswith("--env.")]
-    if "--robot.FIELD" in known:
-        asked = [option for option in asked if not option.startswith("--robot.")]
+    for prefix in ("--robot.", "--policy."):
+        if f"{prefix}FIELD" in known:
+            asked = [option for option in asked if not option.startswith(prefix)]
     return next((option for option in asked if option not in known and not hasattr(group, "commands")), None)
 
 

@@ -37,7 +37,7 @@ def test_the_client_s_command_is_printed_and_a_network_warned_of(capsys, monkeyp
         stop=lambda grace: SimpleNamespace(wait=lambda: stopped.append(grace)),
     )
     config = SimpleNamespace(type="act_chunked", n_action_steps=None, chunk_size=40)
-    monkeypatch.setattr(server.Served, "of", lambda path: server.Served(path, config))
+    monkeypatch.setattr(server.Served, "of", lambda path, settings: server.Served(path, config))
     monkeypatch.setattr(server, "start", lambda served, host, port: listening)
     assert main(["serve", "a/folder", "--host", host, "--port", "9000"]) == 0
     printed = capsys.readouterr().out

@@ -156,11 +156,61 @@ def test_a_robot_of_another_kind_is_refused_without_connecting(checked, capsys):
         (["--robot.type=so_arm_simm"], "so_arm_sim"),
         (["--robot.port=/dev/null"], "Give --robot.type"),
         (["--connect"], "--connect needs a robot"),
+        (["--rename_map=front"], "is no mapping of names"),
     ],
 )
 def test_robots_that_cannot_be_made_are_refused(checked, options, said, capsys):
     assert main(["check", checked[0], *options]) == 1
     assert said in " ".join(capsys.readouterr().err.split())
+
+
+ARM = ("type=so_arm_sim", "cameras={wrist: {width: 64, height: 48}}", "seed=3")
+ARMS = [
+    f"{joint}.pos" for joint in ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
+]
+
+
+@pytest.fixture
+def for_the_arm(tmp_path):
+    """A checkpoint that fits the simulated SO-101, whose camera it calls ``front``."""
+    names = [*ARMS, "gripper.pos"]
+    inputs = {
+        STATE: PolicyFeature(FeatureType.STATE, (6,)),
+        FRONT: PolicyFeature(FeatureType.VISUAL, (3, 48, 64)),
+    }
+    policy = make_policy(inputs=inputs, start=torch.zeros(6))
+    policy.policy.config.trained_on = TrainedOn(
+        30.0,
+        dict.fromkeys((STATE, "action"), names),
+        dict.fromkeys((STATE, "action"), [-180.0] * 6),
+        dict.fromkeys((STATE, "action"), [180.0] * 6),
+    )
+    return policy
+
+
+def test_one_observation_of_a_connected_arm_is_compared_and_nothing_is_sent(for_the_arm, monkeypatch):
+    from lerobot_act_chunking.robots.so_arm_sim import SoArmSim
+
+    sent = []
+    monkeypatch.setattr(SoArmSim, "send_action", lambda robot, action: sent.append(action))
+    names = {"observation.images.wrist": FRONT}
+    report = diagnose(Settings("arm", ARM, connect=True, rename_map=names), for_the_arm)
+    told = [each.text for each in report.findings]
+    assert "keys, sizes and names are those of the training" in told
+    assert any("the first action moves" in each for each in told)
+    assert report.fps == 30.0
+    assert not sent
+
+
+def test_other_names_are_refused_where_the_robot_has_none_of_them(for_the_arm):
+    report = diagnose(Settings("arm", ARM), for_the_arm)
+    assert "there is no observation.images.front" in report.reasons[0]
+    with pytest.raises(
+        ConfigurationError, match=r"--rename_map renames observation\.images\.side, but there are"
+    ):
+        diagnose(Settings("arm", ARM, rename_map={"observation.images.side": FRONT}), for_the_arm)
+    with pytest.raises(ConfigurationError, match="--rename_map needs a robot or a dataset"):
+        Settings("arm", rename_map={"a": "b"})
 
 
 def test_a_robot_and_a_dataset_are_checked_one_at_a_time(checked):

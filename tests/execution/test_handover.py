@@ -29,8 +29,8 @@ def test_modes_that_do_not_blend_go_over_at_once(mode):
     assert handed_over(2, execution=mode) == [0, 0, *[12.0] * 7]
 
 
-def test_a_chunk_that_is_late_beyond_the_plan_begins_there():
-    assert handed_over(8, execution="crossfade", crossfade_steps=1) == [*[0.0] * 5, *[12.0] * 4]
+def test_a_chunk_that_is_late_beyond_the_plan_is_gone_over_to_from_its_last_action():
+    assert handed_over(8, execution="crossfade", crossfade_steps=1) == [*[0.0] * 8, 6.0]
 
 
 def test_without_a_plan_it_is_the_new_chunk():
@@ -47,3 +47,11 @@ def test_environments_have_plans_of_their_own():
     settings = ExecutionSettings(9, execution="receding")
     both = hand_over(NEW.repeat(2, 1, 1), OLD.repeat(2, 1, 1), covered, 3, settings)[:, :, 0]
     assert both.tolist() == [[0, 0, 0, *[12.0] * 6], [0, *[12.0] * 8]]
+
+
+def test_an_old_chunk_that_ends_before_the_new_one_is_used_is_left_smoothly():
+    """LeRobot's engine tells of ten steps at most, and a client may have run out altogether."""
+    told = handed_over(6, execution="crossfade", replan_interval=1, crossfade_steps=7)
+    assert told == [*[0.0] * 6, 3.0, 6.0, 9.0]
+    at_once = handed_over(6, execution="receding", replan_interval=1)
+    assert at_once == [*[0.0] * 5, *[12.0] * 4]

@@ -130,6 +130,7 @@ PROVOKED = [  # errors whose text names the way out
     ("act_chunked", {"n_action_steps": 1, "execution": "ensemble"}),
     ("act_chunked", {"temporal_ensemble_coeff": 0.1, "execution": "receding"}),
     ("act_chunked", {"ensemble_weighting": "recency"}),
+    ("act_chunked", {"limit_margin": 0.1}),
     ("act_chunked", {"temporal_ensemble_coeff": -0.1, "execution": "ensemble"}),
     (
         "act_chunked",

@@ -12,8 +12,8 @@ from planted_meta import meta_of
 from policy_case import STATE
 from policy_cases import CASES, WRAPPED
 
-from lerobot_act_chunking.policies import trained_on
-from lerobot_act_chunking.policies.trained_on import TrainedOn, wrong_rate
+from lerobot_act_chunking.policies import rollout_watch
+from lerobot_act_chunking.policies.trained_on import RemembersTraining, TrainedOn, wrong_rate
 
 FIRST = {case.type: case for case in reversed([*CASES, *WRAPPED]) if case.inputs == STATE}
 every_type = pytest.mark.parametrize("case", FIRST.values(), ids=FIRST)
@@ -81,10 +81,10 @@ def test_a_wrong_rate_is_said_with_its_factor(fps, said):
 
 def test_lerobot_rollout_warns_of_a_wrong_rate_once(monkeypatch, caplog):
     module = lerobot.rollout.context
-    monkeypatch.setattr(module, "create_inference_engine", trained_on_original(module))
-    trained_on.install()
-    trained_on.install()
-    policy = SimpleNamespace(config=SimpleNamespace(trained_on=TrainedOn(fps=30.0)))
+    monkeypatch.setattr(module, "create_inference_engine", original(module))
+    rollout_watch.install()
+    rollout_watch.install()
+    policy = SimpleNamespace(config=RemembersTraining(TrainedOn(fps=30.0)))
     others = "preprocessor postprocessor hw_features dataset_features ordered_action_keys task device"
     arguments = dict.fromkeys(others.split(), ()) | {"device": "cpu", "policy": policy, "fps": 5}
     with caplog.at_level(logging.WARNING):
@@ -96,7 +96,7 @@ def test_lerobot_rollout_warns_of_a_wrong_rate_once(monkeypatch, caplog):
     assert "6 times as slowly as demonstrated; set --fps=30" in line
 
 
-def trained_on_original(module):
+def original(module):
     """LeRobot's own, whether or not it was installed over before."""
     create = module.create_inference_engine
     return getattr(create, "__wrapped__", create)

@@ -4,6 +4,7 @@ import os
 import socket
 import threading
 import time
+from types import SimpleNamespace
 
 import grpc
 import numpy as np
@@ -16,6 +17,7 @@ from policy_cases import KINDS, Case
 from served_arm import JOINTS, ServedArm, ServedArmConfig
 
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.execution.limits import ActionLimits
 from lerobot_act_chunking.policies.loading import load_policy
 from lerobot_act_chunking.policies.saving import save_checkpoint
 from lerobot_act_chunking.policies.temporal_ensemble.wrapping import load_wrapped
@@ -127,11 +129,64 @@ def test_what_was_observed_before_is_no_history_of_what_comes_now():
     policy = Case("arm", "act_chunked", STATE, history).policy().eval()
     server = ChunkServer([], PolicyServerConfig())
     server.policy, server.actions_per_chunk = policy, N_ACTIONS
+
+    def sent(observation):
+        server._sent, server.last_processed_obs = None, SimpleNamespace(get_timestep=lambda: 0)
+        return server._get_action_chunk(observation)
+
     earlier, now = (dict.fromkeys(STATE, torch.full((1, 6), value)) for value in (-1.0, 1.0))
-    expected = server._get_action_chunk(now)
-    server._get_action_chunk(earlier)
-    assert torch.equal(server._get_action_chunk(now), expected)
+    expected = sent(now)
+    sent(earlier)
+    assert torch.equal(sent(now), expected)
     assert expected.shape == (1, N_ACTIONS, 4)
+
+
+def test_a_chunk_goes_on_from_the_one_before_until_it_can_arrive():
+    policy = Case("arm", "act_chunked", STATE, {"execution": "crossfade"}).policy().eval()
+    server = ChunkServer([], PolicyServerConfig())
+    server.policy, server.actions_per_chunk, chunks = policy, 5, []
+    for step, value in ((0, -1.0), (1, 1.0)):
+        server.last_processed_obs = SimpleNamespace(get_timestep=lambda step=step: step)
+        chunks.append(server._get_action_chunk(dict.fromkeys(STATE, torch.full((1, 6), value)))[0])
+        server._seconds.append(0.9 / 30)
+    alone = policy.predict_action_chunk(dict.fromkeys(STATE, torch.ones(1, 6)), inference_delay=0)[0]
+    torch.testing.assert_close(chunks[1][:2], chunks[0][1:3])
+    assert not torch.equal(chunks[1], alone)
+    torch.testing.assert_close(chunks[1][-1], alone[-1])
+
+
+@pytest.mark.parametrize("taken", [1, 2, 3])
+def test_served_chunks_keep_to_speeds_whenever_they_arrive_in_time(taken):
+    ones = torch.ones(4)
+    limits = ActionLimits(
+        "abcd", low=-9 * ones, high=9 * ones, change=0.1 * ones, scale=ones, offset=0 * ones
+    )
+    chunks = iter([torch.zeros(1, 12, 4), torch.full((1, 12, 4), 5.0)])
+    known = SimpleNamespace(trained_on=SimpleNamespace(fps=30.0))
+    server = ChunkServer([], PolicyServerConfig())
+    server.policy = SimpleNamespace(
+        limits=limits, config=known, predict_action_chunk=lambda _: next(chunks), reset=lambda: None
+    )
+    server.actions_per_chunk, sent = 12, []
+    for step in (0, 4):
+        server.last_processed_obs = SimpleNamespace(get_timestep=lambda step=step: step)
+        sent.append(server._get_action_chunk({})[0])
+        server._seconds.append(1.9 / 30)
+    executed = torch.cat([sent[0][: 4 + taken], sent[1][taken:]])
+    assert executed.diff(dim=0).abs().max() <= 0.1 + 1e-6
+    assert executed[-1, 0] > 0.5
+    assert limits.too_fast.sum() > 0
+    server.Ready(None, SimpleNamespace(peer=lambda: "client"))
+    assert server._sent is None
+
+
+def test_settings_of_the_server_are_those_of_its_policies(checkpoints, capsys):
+    path = checkpoints["act_chunked"]
+    assert Served.of(path, ["smoothing_steps=3"]).config.smoothing_steps == 3
+    with pytest.raises(ConfigurationError, match=r"does not take --policy\.colour=red"):
+        Served.of(path, ["colour=red"])
+    with pytest.raises(ConfigurationError, match="max_speed=-1"):
+        Served.of(path, ["max_speed=-1"])
 
 
 @pytest.mark.slow

@@ -14,7 +14,6 @@ from lerobot_act_chunking.policies.trained_on import TrainedOn
 
 BEYOND = 0.5  # of the demonstrated range, from which values beyond it are of other units or another pose
 FAR = 0.25  # of the demonstrated range, from which the first action is a jump
-PARKED = 0.05  # of a vector's widest range: what moves less was parked, and its noise says nothing
 
 
 @dataclass(frozen=True)
@@ -81,7 +80,7 @@ def check_pose(known: TrainedOn, batch: dict[str, Any], action: np.ndarray) -> l
     for key in known.low:
         if key in batch:
             low, high = np.array(known.low[key]), np.array(known.high[key])
-            value, span = batch[key].reshape(-1).numpy(), _spans(known, key)
+            value, span = batch[key].reshape(-1).numpy(), known.spans(key)
             outside = np.maximum(low - value, value - high) > BEYOND * span
             names = known.names.get(key, [f"{key} {dim}" for dim in range(len(low))])
             found += [
@@ -94,7 +93,7 @@ def check_pose(known: TrainedOn, batch: dict[str, Any], action: np.ndarray) -> l
             ]
     names = known.names.get(ACTION)
     if names and names == known.names.get(OBS_STATE) and ACTION in known.low and OBS_STATE in batch:
-        span = _spans(known, ACTION)
+        span = known.spans(ACTION)
         moves = np.abs(action - batch[OBS_STATE].reshape(-1).numpy())
         worst = int((moves / span).argmax())
         text = (
@@ -104,9 +103,3 @@ def check_pose(known: TrainedOn, batch: dict[str, Any], action: np.ndarray) -> l
         fix = ": begin where demonstrations begin, at low speed" if far else ""
         found.append(Finding("warn" if far else "pass", text + fix))
     return found
-
-
-def _spans(known: TrainedOn, key: str) -> np.ndarray:
-    """The demonstrated range of each dimension; of a parked one what counts as moving."""
-    span = np.array(known.high[key]) - np.array(known.low[key])
-    return np.maximum(span, max(PARKED * span.max(), 1e-6))

@@ -1,7 +1,7 @@
 """Settings of `temporal_ensemble`."""
 
 import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
 from lerobot_act_chunking.policies.dataset_defaults import fit_to_dataset
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields, check_gripper_dims
 from lerobot_act_chunking.policies.field_checks import check_fields
+from lerobot_act_chunking.policies.limit_fields import LimitFields
 from lerobot_act_chunking.policies.push_check import ChecksPush
 from lerobot_act_chunking.policies.temporal_ensemble.inner import (
     DETERMINISTIC,
@@ -28,7 +29,7 @@ from lerobot_act_chunking.policies.trained_on import RemembersTraining
 
 @PreTrainedConfig.register_subclass("temporal_ensemble")
 @dataclass
-class TemporalEnsembleConfig(ExecutionFields, RemembersTraining, ChecksPush):
+class TemporalEnsembleConfig(ExecutionFields, LimitFields, RemembersTraining, ChecksPush):
     """Chunk execution over another policy, the inner one: everything but execution is the inner policy's.
 
     Name the inner policy by ``inner_path`` or describe it by ``inner``. On construction both become the full
@@ -71,9 +72,19 @@ class TemporalEnsembleConfig(ExecutionFields, RemembersTraining, ChecksPush):
         self.input_features = self.input_features or self._inner_config.input_features
         self.output_features = self.output_features or self._inner_config.output_features
         self.trained_on = self.trained_on or getattr(self._inner_config, "trained_on", None)
+        self._adopt_limits()
         self._adopt_observation_steps()
         self.inner, self.inner_path = self._encoded(self.inner_config), None
         self._check_execution()
+
+    def _adopt_limits(self) -> None:
+        """Keep to the limits of the inner policy, which executes nothing itself, unless others are given."""
+        names = [each.name for each in fields(LimitFields)]
+        inner = self._inner_config
+        if isinstance(inner, LimitFields) and all(getattr(self, name) in ("none", None) for name in names):
+            for name in names:
+                setattr(self, name, getattr(inner, name))
+        self.check_limits()
 
     def _adopt_observation_steps(self) -> None:
         inner, steps = self._inner_config.type, self._inner_config.n_obs_steps

@@ -18,6 +18,7 @@ from lerobot_act_chunking.policies import late_chunks
 from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.chunked_policy import ChunkedPolicy, indices
 from lerobot_act_chunking.policies.continuing import continue_chunk, to_continue
+from lerobot_act_chunking.policies.limits import ActsWithinLimits
 from lerobot_act_chunking.policies.model_card import WithModelCard
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
     TemporalEnsembleConfig,
@@ -29,7 +30,7 @@ from lerobot_act_chunking.policies.temporal_ensemble.short_episodes import limit
 RTC_ARGUMENTS = ("inference_delay", "prev_chunk_left_over", "execution_horizon")
 
 
-class TemporalEnsemblePolicy(WithModelCard, PreTrainedPolicy):
+class TemporalEnsemblePolicy(ActsWithinLimits, WithModelCard, PreTrainedPolicy):
     """Executes the chunks of an inner policy as its settings say; everything else is the inner policy's.
 
     Batches are the inner policy's, normalised by its own processors. None is ever changed.
@@ -65,13 +66,18 @@ class TemporalEnsemblePolicy(WithModelCard, PreTrainedPolicy):
             config.remember(meta)
         self.inner = _build_inner(config, config.inner_source if load_inner else None, dataset, load_inner)
         self._observations = InnerObservations(self.inner)
+        if load_inner and config.inner_source is not None and meta is None:
+            self.set_limits(config.inner_source)
         self.reset()
 
     @classmethod
     def from_pretrained(cls, pretrained_name_or_path: str | Path, **kwargs: Any) -> Self:
         """Load a checkpoint of the wrapper, inner policy included; one that does not fit is refused."""
         kwargs = {"strict": True, "load_inner": False, **kwargs}
-        return super().from_pretrained(pretrained_name_or_path, **kwargs)
+        policy = super().from_pretrained(pretrained_name_or_path, **kwargs)
+        if kwargs.get("dataset_meta") is None:  # else it is trained, and its processors are made afterwards
+            policy.set_limits(pretrained_name_or_path, revision=kwargs.get("revision"))
+        return policy
 
     def forward(
         self, batch: Batch, reduction: Literal["mean", "none"] = "mean"
@@ -122,7 +128,8 @@ class TemporalEnsemblePolicy(WithModelCard, PreTrainedPolicy):
         """The normalised action (B, A) of this control step. Call `reset` at the start of each rollout."""
         self._observations.observe(batch)
         batch_size = self._observations.batch_size(batch)
-        return self._action_queue.advance(lambda envs, _: self._prepare(batch, envs), batch_size)
+        action = self._action_queue.advance(lambda envs, _: self._prepare(batch, envs), batch_size)
+        return self.within_limits(action)
 
     def _prepare(self, batch: Batch, envs: Environments) -> Callable[[], Tensor]:
         """What computes the chunks that execution asks for, perhaps while actions are executed."""
@@ -171,6 +178,8 @@ class TemporalEnsemblePolicy(WithModelCard, PreTrainedPolicy):
             envs = indices(envs)
             self._observations.reset(envs)
             self._action_queue.reset(envs)
+        if self.limits is not None:
+            self.limits.reset(envs)
         if isinstance(self.inner, ChunkedPolicy):
             self.inner.reset(envs, episode_seeds=episode_seeds)
         elif envs is None:
