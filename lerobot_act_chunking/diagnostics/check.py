@@ -138,12 +138,12 @@ def diagnose(settings: Settings, policy: LoadedPolicy | None = None) -> CheckRep
         if settings.connect and not failed(findings):
             batches = [_observe(robot, config, settings.rename_map)]
     elif settings.dataset is not None:
-        data = LeRobotDataset("local/checked", root=settings.dataset)
+        data: Any = LeRobotDataset("local/checked", root=settings.dataset)
         findings += check_fit(config, known, _renamed(data.meta.features, settings.rename_map))
         fps = settings.fps or float(data.meta.fps)
         if not failed(findings):
             n = min(max(1, round(settings.seconds * fps)), len(data))
-            items: list[Any] = [_renamed(data[step], settings.rename_map) for step in range(n)]
+            items = [_renamed(data[step], settings.rename_map) for step in range(n)]
             batches = [_batch_of(each, config) for each in items]
     findings += _check_rate(config, fps)
     real = settings.connect or settings.dataset is not None

@@ -208,10 +208,11 @@ class ChunkServer(policy_server.PolicyServer):
     def _get_action_chunk(self, observation: dict[str, Any]) -> torch.Tensor:
         # A client sends observations from time to time: those before are no history of the one that came.
         going_on, delay = self._going_on()
-        arguments: dict[str, Any] = {"inference_delay": delay, "prev_chunk_left_over": going_on}
+        policy: Any = self.policy
+        arguments = {"inference_delay": delay, "prev_chunk_left_over": going_on}
         with torch.inference_mode():
-            chunk = self.policy.predict_action_chunk(
-                observation, **(arguments if supports_rtc_inference(self.policy) else {})
+            chunk = policy.predict_action_chunk(
+                observation, **(arguments if supports_rtc_inference(policy) else {})
             )
         chunk = (chunk if chunk.ndim == 3 else chunk[None])[:, : self.actions_per_chunk]
         chunk = self._within_limits(chunk, going_on, delay)
@@ -233,7 +234,8 @@ class ChunkServer(policy_server.PolicyServer):
             return None, 0
         begun, before = self._sent
         left = before[:, min(self._step - begun, before.shape[1] - 1) :]
-        known = getattr(self.policy.config, "trained_on", None)  # pyright: ignore[reportOptionalMemberAccess]
+        policy: Any = self.policy
+        known = getattr(policy.config, "trained_on", None)
         fps = (known and known.fps) or self.config.fps
         delay = 1 + ceil(fps * max(self._seconds, default=0.0))
         held = max(0, delay - left.shape[1])  # steps for which the client has run out, and holds the last one
