@@ -305,7 +305,7 @@ def of_a_stranger() -> Iterator[str]:
     yield "|" + "---|" * 5
     for entry in sorted(read("stranger"), key=lambda entry: (entry["policy"], entry["seed"])):
         name, train, of = entry["policy"], entry["train"], entry["eval"]
-        told = STRANGER.get(name) or f"`{name}`"
+        told = STRANGER.get(name) or f"`{name.removesuffix('_6000')}`"
         minutes, done = f"{train['cpu_minutes']:.1f}", shown(of["successes"], of["episodes"])
         yield f"| {told} | {train['steps']} | {entry['seed']} | {minutes} | {done} |"
 

@@ -22,11 +22,10 @@ from lerobot_act_chunking.cli.main import main as act_chunking
 
 CPU = {"device": "cpu", "push_to_hub": False}
 LEROBOT = {"dim_model": 128, "n_heads": 4, "dim_feedforward": 512, "use_vae": False, "dropout": 0}
+TYPES = ("act_chunked", "diffusion_chunked", "vqbet_chunked")
 VARIANTS = {
-    **{
-        kind: Variant({"type": kind, **CPU}, 1500, 64)
-        for kind in ("act_chunked", "diffusion_chunked", "vqbet_chunked")
-    },
+    **{kind: Variant({"type": kind, **CPU}, 1500, 64) for kind in TYPES},
+    **{f"{kind}_6000": Variant({"type": kind, **CPU}, 6000, 64) for kind in TYPES},
     "act_one_action": Variant({"type": "act_chunked", "actions_per_query": 1, **CPU}, 1500, 64),
     "diffusion_one_action": Variant({"type": "diffusion_chunked", "actions_per_token": 1, **CPU}, 1500, 64),
     **{
