@@ -19,6 +19,7 @@ from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor
 
 from lerobot_act_chunking.compat import action_of
+from lerobot_act_chunking.diagnostics.core.drawing import drawing
 from lerobot_act_chunking.diagnostics.core.success_keys import instead_of, success_key
 from lerobot_act_chunking.diagnostics.core.worlds import (
     Worlds,
@@ -106,11 +107,13 @@ def roll_out(
     on_step: OnStep | None = None,
     progress: Callable[[int], None] | None = None,
     given: Mapping[int, np.ndarray] | None = None,
+    draw: int = 0,
 ) -> list[Rollout]:
     """Run one episode per seed, ``n_envs`` at a time.
 
     Each group of ``n_envs`` starts with ``policy.reset()`` and keeps its batch size to the end. What a policy
-    of this package draws follows from its ``noise_seed`` and the episode's seed. Results depend on ``n_envs``
+    of this package draws follows from its ``noise_seed``, the episode's seed and ``draw``; what another draws
+    from the seed of the group's first episode and ``draw``, and so depends on ``n_envs``. Other results do
     only as far as the network's rounding depends on the batch size.
 
     Args:
@@ -124,6 +127,7 @@ def roll_out(
         progress: called with the number of finished episodes whenever it grows.
         given: commands (t, A) of some episodes, by their seeds, that are carried out in place of the policy's
             at their first t steps; the policy sees what comes of them, and goes on from there.
+        draw: which of several independent draws of the policy's noise.
 
     Returns:
         One rollout per seed, in the order of ``seeds``.
@@ -145,7 +149,8 @@ def roll_out(
                 _Episode(seed, env, env_config, worlds.reset_options, (given or {}).get(seed, ()))
                 for seed, env in zip(seeds[first : first + len(worlds.envs)], worlds.envs, strict=False)
             ]
-            with _observed_chunks(policy, group, log_chunks):
+            drawn = drawing(policy.policy, draw, seeds[first])
+            with drawn, _observed_chunks(policy, group, log_chunks):
                 for _ in range(worlds.episode_length):
                     if not _advance(policy, worlds, group, on_step):
                         break

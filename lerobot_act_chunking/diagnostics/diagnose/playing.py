@@ -11,7 +11,6 @@ import numpy as np
 from lerobot.envs.configs import EnvConfig
 
 from lerobot_act_chunking.data.actions import read_demonstrations
-from lerobot_act_chunking.diagnostics.core.drawing import drawing
 from lerobot_act_chunking.diagnostics.core.executable import Executable
 from lerobot_act_chunking.diagnostics.core.rollouts import Rollout, roll_out
 from lerobot_act_chunking.diagnostics.core.success_keys import check_said
@@ -62,7 +61,7 @@ class Stage:
         if trial.checkpoint not in loaded:
             loaded[trial.checkpoint] = self._load(trial.checkpoint)
         policy = loaded[trial.checkpoint]
-        with changing(policy, trial) as acting, drawing(policy.policy, trial.draw, task.seeds[0]):
+        with changing(policy, trial) as acting:
             rollouts = roll_out(
                 acting,
                 self.env_config,
@@ -70,6 +69,7 @@ class Stage:
                 n_envs=len(task.seeds),
                 log_chunks=False,
                 given=task.given,
+                draw=trial.draw,
             )
         check_said(self.env_config, [rollout.instead for rollout in rollouts])
         return rollouts

@@ -9,7 +9,6 @@ from functools import partial
 import numpy as np
 
 from lerobot_act_chunking.data.dimension_names import is_hand
-from lerobot_act_chunking.diagnostics.core.drawing import drawing
 from lerobot_act_chunking.diagnostics.core.played import describe
 from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
 from lerobot_act_chunking.diagnostics.eval.episodes import Group, timing_of
@@ -71,8 +70,9 @@ class Stage:
         first = self.seed + task.number * self.batch_size
         seeds = range(first, first + self.batch_size)
         started = time.perf_counter()
-        with drawing(policy.policy, task.draw, first):
-            rollouts = roll_out(policy, subject.env_config, seeds, n_envs=self.batch_size, log_chunks=False)
+        rollouts = roll_out(
+            policy, subject.env_config, seeds, n_envs=self.batch_size, log_chunks=False, draw=task.draw
+        )
         names = subject.action_names
         arms = [dim for dim, name in enumerate(names) if not is_hand(name)] or list(range(len(names)))
         timing = timing_of(rollouts, time.perf_counter() - started)

@@ -138,6 +138,15 @@ def test_instruments_are_removed_and_the_next_rollout_is_the_same():
         assert len(one.inferences) == len(other.inferences) == 12
 
 
+def test_what_another_policy_draws_follows_from_the_seed_and_the_draw(monkeypatch):
+    policy = make_policy("act", n_action_steps=5, dropout=0.0)
+    chosen = policy.policy.select_action
+    monkeypatch.setattr(policy.policy, "select_action", lambda batch: torch.rand_like(chosen(batch)))
+    one, again, other = (roll_out(policy, short(), SEEDS, draw=draw)[0].commands for draw in (0, 0, 1))
+    np.testing.assert_array_equal(one, again)
+    assert not np.array_equal(one, other)
+
+
 def test_no_chunk_is_computed_in_the_background():
     settings = {"execution": "receding", "replan_interval": 2}
     waits, one = (

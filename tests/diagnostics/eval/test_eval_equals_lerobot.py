@@ -59,7 +59,7 @@ CASES = {
 TASKS = {
     f"{env_type} {task}": EnvironmentSpec(env_type, {"task": task, "episode_length": 12})
     for env_type, config in sorted(EnvConfig.get_known_choices().items())
-    if issubclass(config, SimulationEnvConfig)
+    if issubclass(config, SimulationEnvConfig) and config.__module__.startswith("lerobot_act_chunking.")
     for task in config.task_names
 }
 """All of this package's."""
