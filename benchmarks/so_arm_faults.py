@@ -172,6 +172,7 @@ def _served(
     port, kind = free_port(), PreTrainedConfig.from_pretrained(checkpoint).type
     asked = [f"--server_address=127.0.0.1:{port}", f"--policy_type={kind}", f"--fps={FPS}", *robot]
     asked += [f"--pretrained_name_or_path={checkpoint}", "--actions_per_chunk=40", "--policy_device=cpu"]
+    asked += ["--aggregate_fn_name=latest_only"]
 
     def client() -> Any:
         process = started(notes, log, "lerobot.async_inference.robot_client", *asked)

@@ -53,6 +53,7 @@ def serve_command(
 def _run(checkpoints: list[str], settings: tuple[str, ...], host: str, port: int) -> None:
     from rich.console import Console
 
+    from lerobot_act_chunking.policies.execution_fields import ExecutionFields
     from lerobot_act_chunking.serving.server import LOOPBACK, Served, start
 
     console = Console(highlight=False, soft_wrap=True)
@@ -68,10 +69,14 @@ def _run(checkpoints: list[str], settings: tuple[str, ...], host: str, port: int
     console.print(f"listening at {host}:{port}")
     for each in served:
         kind = each.config.type
+        goes_on = isinstance(
+            each.config, ExecutionFields
+        )  # its chunks: mixed with older ones they would leap
+        mixing = "--aggregate_fn_name=latest_only " if goes_on else ""
         console.print(
             f"{kind}: {CLIENT} --server_address={host}:{port} --policy_type={kind} "
             f"--pretrained_name_or_path={each.path} --actions_per_chunk={_actions(each.config)} "
-            "--robot.type=..."
+            f"{mixing}--robot.type=..."
         )
     try:
         server.wait_for_termination()

@@ -26,8 +26,11 @@ def test_a_lerobot_with_another_server_is_said_to_have_one(capsys, monkeypatch, 
 
 
 @pytest.mark.parametrize(("host", "warned"), [("127.0.0.1", False), ("0.0.0.0", True)])
-def test_the_client_s_command_is_printed_and_a_network_warned_of(capsys, monkeypatch, host, warned):
+@pytest.mark.parametrize("type_", ["act_chunked", "act"])
+def test_the_client_s_command_is_printed_and_a_network_warned_of(capsys, monkeypatch, type_, host, warned):
     from types import SimpleNamespace
+
+    from lerobot.configs import PreTrainedConfig
 
     from lerobot_act_chunking.serving import server
 
@@ -36,12 +39,13 @@ def test_the_client_s_command_is_printed_and_a_network_warned_of(capsys, monkeyp
         wait_for_termination=lambda: None,
         stop=lambda grace: SimpleNamespace(wait=lambda: stopped.append(grace)),
     )
-    config = SimpleNamespace(type="act_chunked", n_action_steps=None, chunk_size=40)
+    config = PreTrainedConfig.get_choice_class(type_)(chunk_size=40, n_action_steps=40)
     monkeypatch.setattr(server.Served, "of", lambda path, settings: server.Served(path, config))
     monkeypatch.setattr(server, "start", lambda served, host, port: listening)
     assert main(["serve", "a/folder", "--host", host, "--port", "9000"]) == 0
     printed = capsys.readouterr().out
-    assert f"--server_address={host}:9000 --policy_type=act_chunked" in printed
+    assert f"--server_address={host}:9000 --policy_type={type_} " in printed
+    assert ("--aggregate_fn_name=latest_only" in printed) is (type_ == "act_chunked")
     assert "--pretrained_name_or_path=a/folder --actions_per_chunk=40" in printed
     assert ("carries pickles" in printed) is warned
     assert stopped
