@@ -42,7 +42,7 @@ class TrainedOn:
             stats = (meta.stats or {}).get(key, {})
             if {"min", "max"} <= stats.keys():
                 found.low[key], found.high[key] = (np.ravel(stats[name]).tolist() for name in ("min", "max"))
-        if len(shape := meta.features[ACTION]["shape"]) == 1:
+        if len(shape := meta.features.get(ACTION, {}).get("shape", ())) == 1:
             found.largest_change = largest_changes(Path(meta.root), shape[0]).tolist()
         return found
 

@@ -19,7 +19,9 @@ def acted(monkeypatch):
         of = policy.policy.config
         acted.append((of.sampler, of.num_inference_steps, of.timestep_spacing, env_config, list(seeds)))
         progress(len(seeds))
-        return [SimpleNamespace(success=seed <= 1000 + of.num_inference_steps) for seed in seeds]
+        return [
+            SimpleNamespace(success=seed <= 1000 + of.num_inference_steps, instead=None) for seed in seeds
+        ]
 
     policy = SimpleNamespace(policy=SimpleNamespace(config=config))
     monkeypatch.setattr(success, "load_policy", lambda checkpoint: policy)
