@@ -118,5 +118,8 @@ def largest_changes(folder: Path, width: int) -> Float[np.ndarray, " A"]:
 
 
 def _rows(column: Any, width: int) -> Float[np.ndarray, "F A"]:
-    flat = np.concatenate([chunk.flatten().to_numpy() for chunk in column.chunks])
+    values = [chunk.flatten() if hasattr(chunk, "flatten") else chunk for chunk in column.chunks]
+    flat = np.concatenate(
+        [each.to_numpy() for each in values]
+    )  # LeRobot stores vectors of one value as numbers
     return flat.astype(np.float32).reshape(-1, width)

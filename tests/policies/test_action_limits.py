@@ -85,6 +85,13 @@ def test_one_wild_episode_and_the_seams_between_episodes_decide_nothing(tmp_path
     assert largest_changes(tmp_path / "nowhere", A).size == 0
 
 
+def test_actions_of_one_value_are_numbers_in_lerobots_files(tmp_path):
+    (tmp_path / "data").mkdir()
+    rows = {"action": [0.0, 0.5, 0.25, 9.0, 9.0, 8.5], "episode_index": [0, 0, 0, 1, 1, 1]}
+    pq.write_table(pa.table(rows), tmp_path / "data" / "file.parquet")
+    np.testing.assert_allclose(largest_changes(tmp_path, 1), [0.5])
+
+
 @pytest.fixture
 def checkpoint(tmp_path):
     """Save a policy of some type that was trained on demonstrations, with processors."""
