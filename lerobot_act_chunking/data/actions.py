@@ -118,8 +118,7 @@ def largest_changes(folder: Path, width: int) -> Float[np.ndarray, " A"]:
 
 
 def _rows(column: Any, width: int) -> Float[np.ndarray, "F A"]:
+    # LeRobot stores vectors of one value as numbers, which have nothing to flatten.
     values = [chunk.flatten() if hasattr(chunk, "flatten") else chunk for chunk in column.chunks]
-    flat = np.concatenate(
-        [each.to_numpy() for each in values]
-    )  # LeRobot stores vectors of one value as numbers
+    flat = np.concatenate([each.to_numpy() for each in values])
     return flat.astype(np.float32).reshape(-1, width)
