@@ -1,14 +1,14 @@
-"""The two tables of README.md, from the committed results.
+"""The tables of README.md and of docs/studies/steady.md, from the committed results.
 
     python benchmarks/readme_tables.py
 
-reads benchmarks/results and writes the tables between their marks in README.md; a test compares.
+reads benchmarks/results and writes the tables between their marks; a test compares.
 """
 
 import argparse
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +20,18 @@ RESULTS = ROOT / "benchmarks" / "results"
 # Policy, its settings, the file of its results and the variant in it, and what the table calls its tasks.
 ALOHA = {"transfer_cube": "transfer_cube", "insertion": "insertion"}
 FETCH = {"FetchPickAndPlace-v4": "FetchPickAndPlace", "FetchPush-v4": "FetchPush"}
-POLICIES = (
+STEADY = (
     ("act_chunked", "default settings", "act_headline.json", "base", ALOHA),
     ("diffusion_chunked", "configs/diffusion.yaml", "diffusion_recipe.json", "recipe", ALOHA),
     ("vqbet_chunked", "configs/vqbet.yaml", "vqbet_recipe.json", "recipe", ALOHA),
+)
+PEOPLE = tuple(
+    (policy, "ten people", "operators.json", f"{policy}_1500", ALOHA)
+    for policy in ("act_chunked", "diffusion_chunked", "vqbet_chunked")
+)
+EVERYBODY = {"operator": "everybody", "demonstrations": 50, "execution": "as it comes"}
+POLICIES = (
+    *PEOPLE,
     ("act_chunked", "benchmarks/fetch.py", "fetch_policies.json", "act_chunked", FETCH),
     ("diffusion_chunked", "configs/fetch.yaml", "fetch_policies.json", "diffusion_chunked", FETCH),
     ("vqbet_chunked", "benchmarks/fetch.py", "fetch_policies.json", "vqbet_chunked", FETCH),
@@ -64,22 +72,28 @@ def success_row(what: str, task: str, runs: list[tuple[int, int, float]]) -> str
     return f"| {what} | {task} | {successes} | {100 * min(lows):.1f}-{100 * max(highs):.1f} % | {shown} min |"
 
 
-def success_table() -> Iterator[str]:
+def success_rows(policies: Iterable[tuple[str, str, str, str, dict[str, str]]]) -> Iterator[str]:
+    """The head of a table, and a row for each policy and task."""
     yield "| policy | task | successes of 200, by training seed | 95 % intervals | training, CPU time |"
     yield "|---|---|---|---|---|"
-    for policy, settings, file, variant, tasks in POLICIES:
+    for policy, settings, file, variant, tasks in policies:
         for task, name in tasks.items():
             rows = [
                 row
                 for row in read(file)
                 if (row["run"]["task"], row["run"]["variant"], row["run"]["checkpoint"])
                 == (task, variant, "last")
+                and ("operator" not in row or EVERYBODY.items() <= row.items())
             ]
             runs = [
                 (row["episodes"] - len(row["failed_seeds"]), row["episodes"], row["train"]["cpu_minutes"])
                 for row in sorted(rows, key=lambda row: row["run"]["seed"])
             ]
             yield success_row(f"`{policy}`, {settings}", name, runs)
+
+
+def success_table() -> Iterator[str]:
+    yield from success_rows(POLICIES)
     for policy, settings, file in ONE_CAMERA:
         (row,) = (row for row in read(file)["policies"] if row["policy"] == policy)
         stages = list(row["stages"].values())
@@ -111,12 +125,18 @@ def milliseconds(value: float) -> str:
     return f"{value:.0f} ms" if value >= 100 else f"{value:.3g} ms"
 
 
-TABLES = {"success": success_table, "speed": speed_table}
+def steady_table() -> Iterator[str]:
+    yield from success_rows(STEADY)
 
 
-def with_tables(page: str) -> str:
-    """The page with both tables as the results have them."""
-    for name, table in TABLES.items():
+README = ROOT / "README.md"
+STUDY = ROOT / "docs" / "studies" / "steady.md"
+TABLES = {README: {"success": success_table, "speed": speed_table}, STUDY: {"steady": steady_table}}
+
+
+def with_tables(page: str, of: Path = README) -> str:
+    """The page with its tables as the results have them."""
+    for name, table in TABLES[of].items():
         block = (
             f"<!-- {name}: python benchmarks/readme_tables.py -->\n\n"
             + "\n".join(table())
@@ -125,7 +145,7 @@ def with_tables(page: str) -> str:
         pattern = rf"<!-- {name}: .*?<!-- end -->"
         page, found = re.subn(pattern, block.replace("\\", r"\\"), page, flags=re.S)
         if found != 1:
-            raise SystemExit(f"README.md has {found} places for the table {name!r}, not one")
+            raise SystemExit(f"{of.name} has {found} places for the table {name!r}, not one")
     return page
 
 
@@ -133,9 +153,9 @@ def main() -> None:
     argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     ).parse_args()
-    readme = ROOT / "README.md"
-    readme.write_text(with_tables(readme.read_text()))
-    print(readme)
+    for page in TABLES:
+        page.write_text(with_tables(page.read_text(), page))
+        print(page)
 
 
 if __name__ == "__main__":
