@@ -20,7 +20,7 @@ import socket
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import chdir, contextmanager
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -280,6 +280,13 @@ def main() -> None:
         PAGE.write_text(with_table(PAGE.read_text(), json.loads(RESULTS.read_text())))
         return
     os.environ.update({"HF_HUB_OFFLINE": "1", "MUJOCO_GL": os.environ.get("MUJOCO_GL", "egl")})
+    args.checkpoint, args.out = args.checkpoint.absolute(), args.out.absolute()
+    with TemporaryDirectory() as folder, chdir(folder):  # LeRobot's client writes logs where it is imported
+        run_all(args)
+
+
+def run_all(args: argparse.Namespace) -> None:
+    """Run the cells one after the other; each is in the file when it is done."""
     for module in ("lerobot.scripts.lerobot_rollout", "lerobot.async_inference.robot_client"):
         import_module(module)
     cells = json.loads(args.out.read_text()) if args.out.exists() else []
@@ -288,7 +295,7 @@ def main() -> None:
             if fault in KILLED and mode != "served":
                 continue
             with TemporaryDirectory() as folder:
-                cell = run(str(args.checkpoint.absolute()), mode, fault, args.seconds, Path(folder))
+                cell = run(str(args.checkpoint), mode, fault, args.seconds, Path(folder))
             print(json.dumps(cell), flush=True)
             cells = [each for each in cells if (each["mode"], each["fault"]) != (mode, fault)] + [cell]
             args.out.write_text(json.dumps(cells, indent=1) + "\n")

@@ -69,10 +69,8 @@ def _run(checkpoints: list[str], settings: tuple[str, ...], host: str, port: int
     console.print(f"listening at {host}:{port}")
     for each in served:
         kind = each.config.type
-        goes_on = isinstance(
-            each.config, ExecutionFields
-        )  # its chunks: mixed with older ones they would leap
-        mixing = "--aggregate_fn_name=latest_only " if goes_on else ""
+        # Mixed with older ones, chunks that continue what was sent before would leap.
+        mixing = "--aggregate_fn_name=latest_only " if isinstance(each.config, ExecutionFields) else ""
         console.print(
             f"{kind}: {CLIENT} --server_address={host}:{port} --policy_type={kind} "
             f"--pretrained_name_or_path={each.path} --actions_per_chunk={_actions(each.config)} "
