@@ -74,6 +74,26 @@ def test_the_table_of_planted_faults_is_that_of_its_results():
     assert f"Right: {tables.tally(cells)} that count." in page
 
 
+def test_the_tables_of_planted_tasks_are_those_of_their_results(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    names = ("mode_study", "mode_transfer", "planted_tasks")
+    study, transfer, tasks = (load(f"benchmarks/{name}.py") for name in names)
+    results = json.loads(transfer.RESULTS.read_text())
+    rows = json.loads((ROOT / "benchmarks" / "results" / "planted_tasks.json").read_text())["rows"]
+    for script, shown in ((transfer, study.table(results)), (tasks, tasks.markdown(rows))):
+        page = script.PAGE.read_text()
+        assert study.with_table(page, script.MARK, shown) == page, f"run: python {script.__file__}"
+        assert study.with_table(page, script.MARK, "nothing") != page
+
+
+def test_the_table_of_faults_of_the_simulated_arm_is_that_of_its_results():
+    tables = load("benchmarks/so_arm_faults.py")
+    page, cells = tables.PAGE.read_text(), json.loads(tables.RESULTS.read_text())
+    assert tables.with_table(page, cells) == page, "run: python benchmarks/so_arm_faults.py --table"
+    assert len(cells) == len(tables.MODES) * len(tables.FAULTS) + len(tables.KILLED)
+    assert max(cell["jump"] for cell in cells) < 1.5  # no target leaps, as the page says
+
+
 def test_the_table_of_the_study_of_modes_is_that_of_its_results():
     tables = load("benchmarks/mode_study.py")
     page, results = tables.PAGE.read_text(), json.loads(tables.RESULTS.read_text())
