@@ -140,6 +140,14 @@ def test_every_type_executes_within_the_demonstrations(checkpoint, kind):
     assert "beyond the range" in loaded.policy.limits.summary
 
 
+@pytest.mark.parametrize("wrapped", [False, True])
+def test_a_new_episode_is_not_held_back_by_the_one_before(checkpoint, wrapped):
+    loaded = (load_wrapped if wrapped else load_policy)(checkpoint("act_chunked", max_speed=0.01))
+    first, again = executed_by(loaded), executed_by(loaded)
+    assert (first[0] - first[-1]).abs().max() > 0.01 * CHANGE  # what the last of the first would hold back
+    torch.testing.assert_close(first, again, rtol=0, atol=0)
+
+
 def test_a_wrapper_keeps_to_the_limits_of_what_it_wraps(checkpoint):
     loaded = load_wrapped(checkpoint("act_chunked", action_limits="demonstrations"))
     margin = 0.05 * (HIGH - LOW)

@@ -1,12 +1,14 @@
 """Interventions: each changes one thing that this policy can change, and all is as before afterwards."""
 
 import pytest
-from small_policies import OURS, make_policy
+from small_policies import OURS, make_policy, save
 
 from lerobot_act_chunking.diagnostics.core.executable import Executable, changed
-from lerobot_act_chunking.diagnostics.diagnose.playing import changing, later_checkpoint
+from lerobot_act_chunking.diagnostics.diagnose.playing import Stage, Task, changing, later_checkpoint
 from lerobot_act_chunking.diagnostics.diagnose.trials import MEANINGS, Trial, make_trials
+from lerobot_act_chunking.envs.configuration_envs import AlohaSimEnvConfig
 
+ENVIRONMENT = AlohaSimEnvConfig(task="transfer_cube", obs_type="state", episode_length=3)
 EXECUTIONS = [
     {"execution": "open_loop"},
     {"execution": "open_loop", "n_action_steps": 2},
@@ -91,6 +93,15 @@ def test_weights_statistics_and_draws_are_put_back(monkeypatch):
     with changing(policy, Trial("averaged weights", "raw", raw_weights=True)):
         assert policy.policy.ema is None
     assert policy.policy.ema is average
+
+
+def test_another_draw_is_other_noise(tmp_path):
+    policy = make_policy(action_likelihood="gaussian", action_temperature=1.0)
+    stage = Stage(Executable(save(policy, tmp_path), policy.policy.config, wrapped=False), ENVIRONMENT)
+    with stage.open() as play:
+        one, again, other = (play(Task(Trial("draw", "noise", draw=draw), (1000,)))[0] for draw in (0, 0, 1))
+    assert (one.commands == again.commands).all()
+    assert (one.commands != other.commands).any()
 
 
 def test_a_later_checkpoint_of_the_same_training(tmp_path):

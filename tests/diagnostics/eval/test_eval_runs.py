@@ -154,6 +154,14 @@ def test_the_folder_follows_from_the_question(checkpoint, tmp_path, monkeypatch)
     assert diagnose(settings(None, checkpoint, episodes=2, seed=7)).folder != first.folder
 
 
+def test_each_draw_has_noise_of_its_own(tmp_path):
+    sampling = make_policy(action_likelihood="gaussian", action_temperature=1.0)
+    recipes = (Recipe("it", (save(sampling, tmp_path / "policy"),)),)
+    asked = Settings(recipes, ENVIRONMENT, episodes=1, draws=2, output_dir=tmp_path / "out")
+    one, other = diagnose(asked).results
+    assert (one.commands(0) != other.commands(0)).any()
+
+
 def test_trainings_and_draws_are_kept_apart(checkpoint, other, tmp_path):
     recipes = (Recipe("both", (checkpoint, other)),)
     report = diagnose(Settings(recipes, ENVIRONMENT, episodes=2, batch_size=2, draws=2, output_dir=tmp_path))
