@@ -26,7 +26,7 @@ logger = logging.getLogger(__name__)
 
 
 class RolloutWatch:
-    """Compares each observation with the one before, and warns once of each camera and each joint.
+    """Compares each observation with the one before, and warns once of each fault of a camera or joint.
 
     Args:
         known: of the policy's demonstrations.
@@ -70,11 +70,10 @@ class RolloutWatch:
         fresh = self._fresh.setdefault(key, deque(maxlen=COUNTED))
         if now - self._seen < 2 / self._fps:
             fresh.append(is_new)
-        if len(fresh) == COUNTED and np.mean(fresh) < FEWEST_NEW:
+        if len(fresh) == COUNTED and np.mean(fresh) < FEWEST_NEW and key not in self._told:
             text = f"{key} has a new picture in only {np.mean(fresh):.0%} of the control steps"
-            self._tell(
-                key, f"{text}: frames get lost, or the camera delivers fewer than {self._fps:g} a second"
-            )
+            few = f"{text}: frames get lost, or the camera delivers fewer than {self._fps:g} a second"
+            self._tell(f"{key}, few", few)  # and if it freezes later, that too
 
     def _feel(self, places: np.ndarray, targets: np.ndarray, now: float) -> None:
         spans = self._known.spans(ACTION)
@@ -89,9 +88,9 @@ class RolloutWatch:
                 text = f"{name} stays at {places[dim]:.4g} for {STILL:g} s, told to go to {targets[dim]:.4g}"
                 self._tell(name, f"{text}: is the joint blocked?")
 
-    def _tell(self, name: str, text: str) -> None:
-        if name not in self._told:
-            self._told.add(name)
+    def _tell(self, fault: str, text: str) -> None:
+        if fault not in self._told:
+            self._told.add(fault)
             logger.warning("%s", text)
 
 

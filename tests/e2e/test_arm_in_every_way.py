@@ -30,10 +30,11 @@ def terminal(tmp_path_factory):
 def checkpoint(terminal):
     """Train a policy of some type for a moment; its folder."""
 
-    def train(kind, steps=1):
+    def train(kind, steps=2):
+        tokenizer = "--policy.n_vqvae_training_steps=1 " if kind == "vqbet_chunked" else ""
         terminal.run(
-            f"lerobot-train --policy.type={kind} {POLICY} --dataset.repo_id=local/data --dataset.root=data "
-            f"--batch_size=4 --num_workers=0 --steps={steps} --output_dir={kind}_{steps}"
+            f"lerobot-train --policy.type={kind} {POLICY} {tokenizer}--dataset.repo_id=local/data "
+            f"--dataset.root=data --batch_size=4 --num_workers=0 --steps={steps} --output_dir={kind}_{steps}"
         )
         return terminal.folder / f"{kind}_{steps}" / "checkpoints" / "last" / "pretrained_model"
 

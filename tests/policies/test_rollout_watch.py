@@ -18,13 +18,13 @@ KNOWN = TrainedOn(
 def warned(caplog):
     """What is told while a robot acts for four seconds."""
 
-    def act(every=1, stuck=(), known=KNOWN):
+    def act(every=1, until=np.inf, stuck=(), known=KNOWN):
         steps = iter(range(10_000))
         rng, pictures = np.random.default_rng(0), []
         watch = RolloutWatch(known, 30.0, clock=lambda: next(steps) / 30)
         with caplog.at_level(logging.WARNING):
             for step in range(120):
-                if step % every == 0:
+                if step % every == 0 and step <= until:
                     pictures.append(rng.integers(0, 255, (24, 32, 3), dtype=np.uint8))
                 target = np.full(2, 50 + 40 * np.sin(step / 10))
                 place = np.where([name in stuck for name in NAMES], 0.0, target)
@@ -46,6 +46,12 @@ def test_a_frozen_camera_is_told_once(warned):
 def test_lost_frames_are_told_once(warned):
     (line,) = warned(every=2)
     assert "a new picture in only 50% of the control steps" in line
+
+
+def test_a_slow_camera_that_freezes_is_told_twice(warned):
+    few, frozen = warned(every=2, until=89)
+    assert "a new picture in only" in few
+    assert "shows the same picture for 1 s" in frozen
 
 
 def test_a_blocked_joint_is_told_and_a_gripper_that_holds_something_is_not(warned):
