@@ -109,10 +109,9 @@ def eval_command(
 
 
 def _compared(report: "EvalReport") -> "CompareReport | None":
-    """The policies side by side, by the first draw of each; None of one, or if none is judged."""
+    """The policies side by side, by the first draw of each; None of one, or if success is unknown."""
     from lerobot_act_chunking.diagnostics.compare.diagnosis import diagnose
     from lerobot_act_chunking.diagnostics.compare.settings import Settings
 
     recipes = report.recipes
-    known = all(each.is_judged for each in report.results)
-    return diagnose(Settings(recipes)) if len(recipes) > 1 and known else None
+    return diagnose(Settings(recipes)) if len(recipes) > 1 and report.is_judged else None

@@ -60,11 +60,14 @@ def diagnose(settings: Settings, progress: Progress | None = None) -> EvalReport
         progress=progress,
     )
     results = [_result(run, found, subjects[run.checkpoint], settings.videos) for run in runs]
+    unknown = _never_said(results, subjects)
+    results = [replace(each, is_judged=unknown is None) for each in results]
     complete = settings.shard.of == 1
     machine = _machine()
     for each in results:
-        each.run.write_eval_info(each.episodes, {"complete": complete, "machine": machine})
-    judgement = judge(results, decision, _never_said(results, subjects))
+        facts = {"complete": complete, "machine": machine}
+        each.run.write_eval_info(each.episodes, facts, is_judged=each.is_judged)
+    judgement = judge(results, decision, unknown)
     for place in subjects:
         judgement = with_untrained(judgement, untrained(place))
     return EvalReport(
