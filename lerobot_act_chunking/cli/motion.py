@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from lerobot_act_chunking.cli.environment import Fields, Success, SuccessKey, Task, environment_to_run
-from lerobot_act_chunking.cli.options import OUT
+from lerobot_act_chunking.cli.options import OUT, to_a_file
 from lerobot_act_chunking.cli.progress import shown
 
 
@@ -19,7 +19,9 @@ def motion_command(
     success: Success = None,
     success_key: SuccessKey = None,
     seed: Annotated[int, typer.Option(help="Seed of the episode.")] = 1000,
-    out: Annotated[Path, typer.Option(*OUT, help="The PNG to write.")] = Path("motion.png"),
+    out: Annotated[Path, typer.Option(*OUT, callback=to_a_file, help="The PNG to write.")] = Path(
+        "motion.png"
+    ),
 ) -> None:
     """Run one episode of a checkpoint and draw frames, actions, grippers and reward.
 

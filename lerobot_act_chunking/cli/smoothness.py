@@ -30,7 +30,7 @@ def smoothness_command(
         Path | None,
         typer.Option("--json", callback=to_a_file, help="Write all numbers, also per joint."),
     ] = None,
-    out: Annotated[Path | None, typer.Option(*OUT, "--plot", help="Draw a PNG.")] = None,
+    out: Annotated[Path | None, typer.Option(*OUT, "--plot", callback=to_a_file, help="Draw a PNG.")] = None,
 ) -> None:
     """Measure smoothness: jerk, spectra, jumps at chunk boundaries, chunk disagreement, tracking lag.
 

@@ -24,7 +24,7 @@ def read_outcomes(eval_info: Path) -> dict[Episode, bool]:
             for place, task in enumerate(read_json(eval_info)["per_task"])
             for number, success in enumerate(task["metrics"]["successes"])
         }
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         raise DatasetError(
             f"no evaluation at {eval_info}; run lerobot-eval with this output folder first"
         ) from None

@@ -20,10 +20,11 @@ from lerobot_act_chunking.diagnostics.eval.films import choose, film
 from lerobot_act_chunking.diagnostics.eval.measuring import Results, measure
 from lerobot_act_chunking.diagnostics.eval.playing import Stage
 from lerobot_act_chunking.diagnostics.eval.report import EvalReport, RunResult
-from lerobot_act_chunking.diagnostics.eval.runs import Run
+from lerobot_act_chunking.diagnostics.eval.runs import QUESTION, Run
 from lerobot_act_chunking.diagnostics.eval.settings import Settings
 from lerobot_act_chunking.diagnostics.eval.subject import Subject, read_subject
 from lerobot_act_chunking.diagnostics.eval.verdict import judge
+from lerobot_act_chunking.errors import ConfigurationError
 
 DEFAULT_PARENT, FILMS = Path("outputs/eval"), "films"
 PACKAGES = ("lerobot_policy_act_chunking", "lerobot", "torch", "numpy", "mujoco", "gymnasium")
@@ -45,6 +46,7 @@ def diagnose(settings: Settings, progress: Progress | None = None) -> EvalReport
         place: read_subject(place, settings.environment) for each in settings.recipes for place in each.places
     }
     runs, folder = _runs(settings, subjects)
+    _check_merge(runs, settings.merge)
     for run in runs:
         for other in settings.merge:
             run.take_over(other / run.place)
@@ -80,6 +82,16 @@ def diagnose(settings: Settings, progress: Progress | None = None) -> EvalReport
         complete=complete,
         notes=_notes(settings, results),
     )
+
+
+def _check_merge(runs: list[Run], others: tuple[Path, ...]) -> None:
+    for other in others:
+        if not any((other / run.place / QUESTION).is_file() for run in runs):
+            places = ", ".join(str(run.place) for run in runs)
+            raise ConfigurationError(
+                f"--merge={other} holds no evaluation of {places}: give the --output-dir of the same command "
+                "with another --shard"
+            )
 
 
 def _runs(settings: Settings, subjects: dict[str, Subject]) -> tuple[list[Run], Path]:

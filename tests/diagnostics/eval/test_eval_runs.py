@@ -83,12 +83,12 @@ def test_what_is_stopped_in_the_middle_goes_on(checkpoint, tmp_path, monkeypatch
 @pytest.mark.parametrize("of", [2, 3, 5])
 def test_parts_of_several_machines_make_the_whole(of, checkpoint, tmp_path):
     whole = diagnose(settings(tmp_path / "whole", checkpoint))
-    for number in range(1, of + 1):
-        if number <= 3:  # there are three groups
-            part = diagnose(settings(tmp_path / f"{number}", checkpoint, shard=Shard(number, of)))
-            assert not part.complete
-            assert "--merge of all parts" in part.notes[0]
-    parts = tuple(tmp_path / f"{number}" for number in range(1, of + 1))
+    numbers = range(1, min(of, 3) + 1)  # there are three groups
+    for number in numbers:
+        part = diagnose(settings(tmp_path / f"{number}", checkpoint, shard=Shard(number, of)))
+        assert not part.complete
+        assert "--merge of all parts" in part.notes[0]
+    parts = tuple(tmp_path / f"{number}" for number in numbers)
     merged = diagnose(settings(tmp_path / "merged", checkpoint, merge=parts), progress=pytest.fail)
     assert episodes_of(merged) == episodes_of(whole)
     np.testing.assert_array_equal(merged.results[0].commands(5), whole.results[0].commands(5))
@@ -242,6 +242,17 @@ def test_names_of_checkpoints(checkpoint, name):
     assert name_of(checkpoint) == name
     assert parse_policy(checkpoint).name == name
     assert parse_policy(f"x={checkpoint},b") == Recipe("x", (checkpoint, "b"))
+
+
+def test_an_evaluation_is_no_checkpoint():
+    with pytest.raises(ConfigurationError, match="act-chunking compare reads it"):
+        parse_policy("act=outputs/eval/act/eval_info.json")
+
+
+def test_a_part_that_is_not_there_is_refused(checkpoint, tmp_path):
+    with pytest.raises(ConfigurationError, match=r"--merge=.*part holds no evaluation of p0: give the"):
+        diagnose(settings(tmp_path / "out", checkpoint, merge=(tmp_path / "part",)))
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("text", ["0/2", "3/2", "1", "a/b", "1/0"])
