@@ -10,12 +10,13 @@ from typing import Any
 
 from lerobot_act_chunking.diagnostics.core.digests import (
     checkpoint_digest,
+    dataset_digest,
     environment_identity,
     question_digest,
 )
 from lerobot_act_chunking.diagnostics.core.report import with_untrained
 from lerobot_act_chunking.diagnostics.core.success_keys import never_said
-from lerobot_act_chunking.diagnostics.core.training import untrained
+from lerobot_act_chunking.diagnostics.core.training import read_training, untrained
 from lerobot_act_chunking.diagnostics.eval.films import choose, film
 from lerobot_act_chunking.diagnostics.eval.measuring import Results, measure
 from lerobot_act_chunking.diagnostics.eval.playing import Stage
@@ -67,7 +68,7 @@ def diagnose(settings: Settings, progress: Progress | None = None) -> EvalReport
     complete = settings.shard.of == 1
     machine = _machine()
     for each in results:
-        facts = {"complete": complete, "machine": machine}
+        facts = {"complete": complete, "machine": machine, "dataset": each.dataset}
         each.run.write_eval_info(each.episodes, facts, is_judged=each.is_judged)
     judgement = judge(results, decision, unknown)
     for place in subjects:
@@ -124,7 +125,15 @@ def _runs(settings: Settings, subjects: dict[str, Subject]) -> tuple[list[Run], 
 
 
 def _result(run: Run, found: Results, subject: Subject, videos: int) -> RunResult:
-    result = RunResult(run, found.of(run), found.groups[run.title], subject.dt, subject.action_names)
+    folder = read_training(run.checkpoint, subject.config).folder
+    result = RunResult(
+        run,
+        found.of(run),
+        found.groups[run.title],
+        subject.dt,
+        subject.action_names,
+        folder and {"folder": folder, "sha256": dataset_digest(folder)},
+    )
     chosen = [(result.episodes[place], result.commands(place)) for place in choose(result.episodes, videos)]
     films = film(subject.env_config, subject.config, chosen, run.folder / FILMS) if chosen else ()
     return replace(result, films=films)

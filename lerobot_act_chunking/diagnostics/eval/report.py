@@ -32,6 +32,7 @@ class RunResult:
         groups: the finished groups, by their numbers.
         dt: control period [s].
         action_names: of the A numbers of a command.
+        dataset: of the training: its folder, and its SHA-256 if it is here; None where it is not known.
         films: of some of the episodes.
         is_judged: whether the environment ever said of any policy whether an episode succeeds; if not,
             successes and failures mean nothing.
@@ -42,6 +43,7 @@ class RunResult:
     groups: Mapping[int, Group]
     dt: float
     action_names: Sequence[str]
+    dataset: dict[str, str | None] | None = None
     films: Sequence[Film] = ()
     is_judged: bool = True
 
@@ -122,6 +124,7 @@ class RunResult:
             "draw": self.run.draw,
             "checkpoint": self.run.checkpoint,
             "policy_type": self.run.policy_type,
+            "dataset": self.dataset,
             "successes": self.rate.successes if known else None,
             "episodes": self.rate.episodes,
             "interval": list(self.rate.exact_interval) if known else None,

@@ -1,11 +1,13 @@
 """Episodes of an evaluation on the disk: gone on with, shared out and put together again."""
 
 import json
+from shutil import copytree
 
 import numpy as np
 import pytest
 from small_policies import make_policy, save
 
+from lerobot_act_chunking.diagnostics.core.digests import dataset_digest
 from lerobot_act_chunking.diagnostics.core.environments import EnvironmentSpec
 from lerobot_act_chunking.diagnostics.core.recipes import Recipe
 from lerobot_act_chunking.diagnostics.eval import measuring
@@ -51,6 +53,25 @@ def test_everything_is_written_down(checkpoint, tmp_path):
     assert info["overall"]["n_episodes"] == 6
     assert info["per_task"][0]["metrics"]["successes"] == [False] * 6
     assert [each["seed"] for each in info["act_chunking"]["episodes"]] == list(range(1000, 1006))
+
+
+def test_the_dataset_of_the_training_is_named_with_its_digest(checkpoint, tmp_path):
+    place, dataset = copytree(checkpoint, tmp_path / "policy"), tmp_path / "dataset"
+    (place / "train_config.json").write_text(json.dumps({"dataset": {"repo_id": "a", "root": str(dataset)}}))
+    (dataset / "meta").mkdir(parents=True)
+    found = []
+    for text in (None, "{}", '{"fps": 50}'):
+        if text is not None:
+            (dataset / "meta" / "info.json").write_text(text)
+        (result,) = diagnose(settings(tmp_path / "out", str(place), episodes=2)).results
+        found.append(result.dataset["sha256"])
+        assert result.to_json()["dataset"]["folder"] == str(dataset)
+    assert found[0] is None
+    assert found[1] != found[2]
+    assert found[2] == dataset_digest(dataset)
+    assert diagnose(settings(tmp_path / "other", checkpoint, episodes=2)).results[0].dataset is None
+    info = json.loads((tmp_path / "out" / "p0" / "eval_info.json").read_text())
+    assert info["act_chunking"]["dataset"] == {"folder": str(dataset), "sha256": found[2]}
 
 
 def test_finished_episodes_are_not_run_again(checkpoint, tmp_path, monkeypatch):
