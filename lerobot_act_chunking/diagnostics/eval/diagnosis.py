@@ -132,7 +132,7 @@ def _result(run: Run, found: Results, subject: Subject, videos: int) -> RunResul
         found.groups[run.title],
         subject.dt,
         subject.action_names,
-        folder and {"folder": folder, "sha256": dataset_digest(folder)},
+        None if folder is None else {"folder": folder, "sha256": dataset_digest(folder)},
     )
     chosen = [(result.episodes[place], result.commands(place)) for place in choose(result.episodes, videos)]
     films = film(subject.env_config, subject.config, chosen, run.folder / FILMS) if chosen else ()
