@@ -67,6 +67,15 @@ def test_the_table_of_comparisons_that_stop_early_is_that_of_its_results():
             assert row.median_episodes <= 0.6 * tables.EPISODES
 
 
+def test_the_seconds_of_an_evaluation_are_those_of_the_results():
+    tables = load("benchmarks/evaluation.py")
+    page, rows = tables.PAGE.read_text(), json.loads(tables.RESULTS.read_text())
+    assert tables.with_table(page, rows) == page, "run: python benchmarks/evaluation.py"
+    assert {each["policy"]: each["episodes"] for each in rows} == dict.fromkeys(tables.POLICIES, 200)
+    for each in rows:
+        assert each["cpu_s"] / each["workers"] + 10 <= 60, "a minute on two cores that are free"
+
+
 def test_the_table_of_planted_faults_is_that_of_its_results():
     tables = load("benchmarks/fault_table.py")
     page, cells = tables.PAGE.read_text(), json.loads(tables.RESULTS.read_text())["cells"]

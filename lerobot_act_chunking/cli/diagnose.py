@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from lerobot_act_chunking.cli.environment import Fields, Success, SuccessKey, Task, asked_environment
-from lerobot_act_chunking.cli.options import Json, Picture
+from lerobot_act_chunking.cli.options import Json, Picture, to_a_folder
 from lerobot_act_chunking.cli.progress import shown
 from lerobot_act_chunking.cli.reporting import finish
 
@@ -38,7 +38,8 @@ def diagnose_command(
     output_dir: Annotated[
         Path | None,
         typer.Option(
-            help="Where finished episodes are kept. \\[default: outputs/diagnose/..., by what is asked]"
+            callback=to_a_folder,
+            help="Where finished episodes are kept. \\[default: outputs/diagnose/..., by what is asked]",
         ),
     ] = None,
     json: Json = None,

@@ -76,23 +76,29 @@ def asked_environment(
         ConfigurationError: both spellings, a rule without a task, fields without a type, a value that cannot
             be read, a key without an environment, or what `EnvironmentSpec` and `task_environment` refuse.
     """
-    from lerobot_act_chunking.errors import ConfigurationError
-
     if not (given or task or success):
-        if success_key:
-            raise ConfigurationError(
-                f"--success-key={success_key} is of which environment? Give --env.type or {short} as well"
-            )
+        _check_key(success_key, short)
         return None
-    asked = _asked(given, task, success, short)
-    return replace(asked, success_key=success_key) if success_key else asked
+    return replace(_asked(given, task, success, short), success_key=success_key or None)
 
 
 def environment_to_run(
-    given: Sequence[str] | None, task: str | None, success: str | None
+    given: Sequence[str] | None, task: str | None, success: str | None, *, success_key: str | None = None
 ) -> "EnvironmentSpec":
     """As `asked_environment`, but that of `DEFAULT_TASK` where none is asked for."""
-    return _asked(given, task if given else task or DEFAULT_TASK, success, "--task")
+    if not (given or task):
+        _check_key(success_key, "--task")
+        task = DEFAULT_TASK
+    return replace(_asked(given, task, success, "--task"), success_key=success_key or None)
+
+
+def _check_key(success_key: str | None, short: str) -> None:
+    from lerobot_act_chunking.errors import ConfigurationError
+
+    if success_key:
+        raise ConfigurationError(
+            f"--success-key={success_key} is of which environment? Give --env.type or {short} as well"
+        )
 
 
 def _asked(

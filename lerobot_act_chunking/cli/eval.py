@@ -8,7 +8,7 @@ import typer
 from rich.console import Console
 
 from lerobot_act_chunking.cli.environment import Fields, Success, SuccessKey, Task, asked_environment
-from lerobot_act_chunking.cli.options import Json, Picture
+from lerobot_act_chunking.cli.options import Json, Picture, to_a_folder
 from lerobot_act_chunking.cli.progress import shown
 from lerobot_act_chunking.cli.reporting import finish
 
@@ -57,7 +57,10 @@ def eval_command(
     ] = 0,
     output_dir: Annotated[
         Path | None,
-        typer.Option(help="Where everything is kept. \\[default: outputs/eval/..., by what is asked]"),
+        typer.Option(
+            callback=to_a_folder,
+            help="Where everything is kept. \\[default: outputs/eval/..., by what is asked]",
+        ),
     ] = None,
     json: Json = None,
     out: Picture = None,
@@ -109,10 +112,9 @@ def eval_command(
 
 
 def _compared(report: "EvalReport") -> "CompareReport | None":
-    """The policies side by side, by the first draw of each; None of one, or if none is judged."""
+    """The policies side by side, by the first draw of each; None of one, or if success is unknown."""
     from lerobot_act_chunking.diagnostics.compare.diagnosis import diagnose
     from lerobot_act_chunking.diagnostics.compare.settings import Settings
 
     recipes = report.recipes
-    known = all(each.is_judged for each in report.results)
-    return diagnose(Settings(recipes)) if len(recipes) > 1 and known else None
+    return diagnose(Settings(recipes)) if len(recipes) > 1 and report.is_judged else None

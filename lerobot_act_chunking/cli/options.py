@@ -9,22 +9,48 @@ OUT = ("--out", "--output")
 """What a command makes: a checkpoint, a file of codes, or a picture."""
 
 
-def to_a_file(path: Path | None) -> Path | None:
-    """Refuse the name ``-``: others print too, so that what goes to standard output is no JSON.
+def to_a_file(option: typer.CallbackParam, path: Path | None) -> Path | None:
+    """Refuse, before anything runs, what cannot be written to.
 
     Raises:
-        ConfigurationError: it is that name.
+        ConfigurationError: the name ``-`` (others print too, so that what goes to standard output would be
+            no JSON), a folder, or a place below a file.
     """
     from lerobot_act_chunking.errors import ConfigurationError
 
+    name = option.opts[0]
     if path == Path("-"):
         raise ConfigurationError(
-            "--json=- would mix the numbers with tables and messages on standard output: name a file"
+            f"{name}=- would mix what is written with tables and messages on standard output: name a file"
         )
+    if path is not None and path.is_dir():
+        raise ConfigurationError(f"{name}={path} is a folder: name a file in it")
+    _check_parents(name, path)
     return path
 
 
-Picture = Annotated[Path | None, typer.Option(*OUT, help="Draw a PNG.")]
+def to_a_folder(option: typer.CallbackParam, path: Path | None) -> Path | None:
+    """Refuse, before anything runs, what cannot be a folder.
+
+    Raises:
+        ConfigurationError: a file, or a place below one.
+    """
+    from lerobot_act_chunking.errors import ConfigurationError
+
+    if path is not None and path.is_file():
+        raise ConfigurationError(f"{option.opts[0]}={path} is a file: name a folder")
+    _check_parents(option.opts[0], path)
+    return path
+
+
+def _check_parents(name: str, path: Path | None) -> None:
+    from lerobot_act_chunking.errors import ConfigurationError
+
+    if path is not None and (above := next(filter(Path.exists, path.absolute().parents))).is_file():
+        raise ConfigurationError(f"{name}={path} cannot be made: {above} is a file")
+
+
+Picture = Annotated[Path | None, typer.Option(*OUT, callback=to_a_file, help="Draw a PNG.")]
 Json = Annotated[Path | None, typer.Option(callback=to_a_file, help="Write every number to this file.")]
 
 

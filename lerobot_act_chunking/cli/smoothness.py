@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from lerobot_act_chunking.cli.environment import Fields, Success, Task, environment_to_run
+from lerobot_act_chunking.cli.environment import Fields, Success, SuccessKey, Task, environment_to_run
 from lerobot_act_chunking.cli.options import OUT, to_a_file
 from lerobot_act_chunking.cli.reporting import finish
 
@@ -18,6 +18,7 @@ def smoothness_command(
     env: Fields = None,
     task: Task = None,
     success: Success = None,
+    success_key: SuccessKey = None,
     episodes: Annotated[int, typer.Option(help="Checkpoints: episodes to run.")] = 50,
     seed: Annotated[int, typer.Option(help="Checkpoints: seed of the first episode.")] = 1000,
     n_envs: Annotated[int, typer.Option(help="Checkpoints: episodes that run together.")] = 50,
@@ -29,7 +30,7 @@ def smoothness_command(
         Path | None,
         typer.Option("--json", callback=to_a_file, help="Write all numbers, also per joint."),
     ] = None,
-    out: Annotated[Path | None, typer.Option(*OUT, "--plot", help="Draw a PNG.")] = None,
+    out: Annotated[Path | None, typer.Option(*OUT, "--plot", callback=to_a_file, help="Draw a PNG.")] = None,
 ) -> None:
     """Measure smoothness: jerk, spectra, jumps at chunk boundaries, chunk disagreement, tracking lag.
 
@@ -44,7 +45,7 @@ def smoothness_command(
     from lerobot_act_chunking.diagnostics.smoothness.settings import EvaluationSpec, Settings
     from lerobot_act_chunking.diagnostics.smoothness.terminal import print_report
 
-    environment = environment_to_run(env, task, success)
+    environment = environment_to_run(env, task, success, success_key=success_key)
     spec = EvaluationSpec(environment, episodes=episodes, seed=seed, n_envs=n_envs)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console()) as bar:

@@ -14,6 +14,7 @@ from lerobot_act_chunking.diagnostics.core.environments import (
     environment_of,
 )
 from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
+from lerobot_act_chunking.diagnostics.core.success_keys import never_said
 from lerobot_act_chunking.diagnostics.core.training import untrained
 from lerobot_act_chunking.diagnostics.core.worlds import episode_length
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
@@ -34,7 +35,9 @@ class Motion:
         rewards: the reward after each step, ``(T,)``.
         frames: ``(step, image)`` pairs, images ``(H, W, 3)`` uint8.
         replans: steps at which the policy planned a new chunk, as far as known.
+        success: None where nothing is known of it.
         untrained: the sentence that says so, if the policy is.
+        never_said: the sentence that says that the environment says nothing of success, if it does not.
     """
 
     title: str
@@ -43,10 +46,11 @@ class Motion:
     commands: np.ndarray
     positions: np.ndarray
     rewards: np.ndarray
-    success: bool
+    success: bool | None
     replans: Sequence[int] = ()
     frames: list[tuple[int, np.ndarray]] = field(default_factory=list)
     untrained: str | None = None
+    never_said: str | None = None
 
 
 def record_motion(
@@ -82,16 +86,18 @@ def record_motion(
             frames.extend((step, image) for image in _pictures(env))
 
     (rollout,) = roll_out(policy, env_config, [seed], on_step=film)
-    outcome = "success" if rollout.success else "failure"
+    unknown = never_said(env_config, [rollout.instead])
+    outcome = "success unknown" if unknown else "success" if rollout.success else "failure"
     return Motion(
         title=f"{config.type} on {environment.name}, seed {seed}: {outcome}",
         untrained=untrained(policy_path),
+        never_said=unknown,
         dt=rollout.dt,
         joint_names=action_names(env_config, rollout.commands.shape[1], policy_path),
         commands=rollout.commands,
         positions=rollout.positions,
         rewards=rollout.rewards,
-        success=rollout.success,
+        success=None if unknown else rollout.success,
         replans=[inference.step for inference in rollout.inferences],
         frames=frames,
     )

@@ -37,4 +37,7 @@ def test_other_episodes_are_compared_as_such(evaluations, capsys):
 def test_what_cannot_be_compared_is_refused(evaluations, capsys):
     assert main(["compare", str(evaluations / "poor"), str(evaluations / "absent")]) == 1
     assert "no evaluation at" in capsys.readouterr().err
+    (evaluations / "file").touch()
+    assert main(["compare", str(evaluations / "poor"), str(evaluations / "file")]) == 1
+    assert "no evaluation at" in capsys.readouterr().err
     assert main(["compare"]) == 2

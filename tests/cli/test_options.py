@@ -35,14 +35,32 @@ def test_what_a_command_makes_is_its_out(name):
     assert any("--out" in option.opts for option in COMMANDS[name].params)
 
 
-@pytest.mark.parametrize(
-    "name", [name for name in COMMANDS if any("--json" in each.opts for each in COMMANDS[name].params)]
-)
+INSTRUMENTS = [name for name in COMMANDS if any("--json" in each.opts for each in COMMANDS[name].params)]
+
+
+@pytest.mark.parametrize("name", INSTRUMENTS)
 def test_numbers_go_to_a_file_and_not_to_one_called_dash(name, capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     assert main([*name.split(), "--json", "-"]) == REFUSED
     assert "--json=- would mix" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", [*INSTRUMENTS, "motion"])
+def test_what_cannot_be_written_is_refused_before_anything_runs(name, capsys, tmp_path):
+    file = tmp_path / "file"
+    file.touch()
+    refused = {
+        "--json": {tmp_path: "is a folder: name a file", file / "x": "cannot be made"},
+        "--out": {tmp_path: "is a folder: name a file", file / "x": "cannot be made"},
+        "--output-dir": {file: "is a file: name a folder", file / "x": "cannot be made"},
+    }
+    there = {spelling for each in COMMANDS[name].params for spelling in each.opts}
+    there -= {"--out"} if name == "fit-prior" else set()  # a checkpoint
+    for option in there & refused.keys():
+        for path, reason in refused[option].items():
+            assert main([*name.split(), f"{option}={path}"]) == REFUSED
+            assert f"{option}={path} {reason}" in " ".join(capsys.readouterr().err.split())
 
 
 def test_a_verdict_is_no_error_and_no_error_a_verdict():

@@ -9,6 +9,7 @@ import torch
 from lerobot.configs import FeatureType, PolicyFeature
 from matplotlib.image import imread
 from small_policies import OURS, make_policy, save
+from tiers import full_tier
 
 from lerobot_act_chunking.cli.main import main
 
@@ -80,3 +81,35 @@ def test_lerobots_own_environments(pusht, tmp_path, capsys):
     assert main(["smoothness", pusht, *PUSHT, "--episodes", "2", "--json", str(numbers)]) == 0
     (source,) = json.loads(numbers.read_text())["sources"]
     assert (source["episodes"], source["steps"]) == (2, 18)
+
+
+@full_tier
+@pytest.mark.filterwarnings("ignore")  # of its simulator
+def test_an_installed_plug_in_is_swept_and_diagnosed(tmp_path):
+    pytest.importorskip("lerobot_env_so101")
+    inputs = {
+        "observation.state": PolicyFeature(FeatureType.STATE, (14,)),
+        "observation.environment_state": PolicyFeature(FeatureType.ENV, (3,)),
+    }
+    policy = make_policy("act", inputs=inputs, start=torch.zeros(4), n_action_steps=4, dropout=0.0)
+    with torch.no_grad():
+        for each in policy.policy.parameters():
+            each.mul_(0.9)  # of initial weights nothing is tried
+    place = save(policy, tmp_path / "policy")
+    asked = [
+        "--env.type=so101",
+        "--success-key=succeed",
+        "--env.episode_length=12",
+        "--minutes=5",
+        "--workers=1",
+    ]
+    found = {}
+    for command, episodes in (("tune", 2), ("diagnose", 10)):
+        numbers, out = tmp_path / f"{command}.json", tmp_path / command
+        files = [f"--output-dir={out}", "--json", str(numbers)]
+        assert main([command, place, *asked, f"--episodes={episodes}", *files]) == 10  # none succeeds
+        found[command] = json.loads(numbers.read_text())
+    assert sum(each["success"] is not None for each in found["tune"]["candidates"]) > 3
+    assert (found["diagnose"]["failures"], found["diagnose"]["success_key"]) == (10, "succeed")
+    tried = {each["hypothesis"] for each in found["diagnose"]["interventions"]}
+    assert {"chunk too long", "chunk boundary"} <= tried

@@ -48,7 +48,7 @@ def _contrasts(report: CompareReport) -> Table:
             f"{100 * found.difference:+.1f}",
             f"{low:.1f} to {high:.1f}",
             f"[{colour}]{adjusted:.2g}[/]",
-            f"{100 * found.smallest:.0f}",
+            f"{100 * found.smallest:.0f}" if found.smallest <= 1 else "-",
         ]
         if found.pairs is not None:
             pairs = found.pairs

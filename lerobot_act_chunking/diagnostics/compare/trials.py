@@ -60,7 +60,8 @@ class Contrast:
         difference: success rate of the first minus that of the second.
         interval: of 95 %.
         p_value: of the two being alike.
-        smallest: the difference that so many episodes or trainings would find in four of five studies.
+        smallest: the difference that so many episodes or trainings would find in four of five studies; above
+            1 they find none.
         pairs: the common episodes of two trainings.
     """
 

@@ -41,6 +41,8 @@ def _undecided(found: Contrast, ranked: Sequence[Trials]) -> str:
     )
     rates = f"{first.name} ({100 * first.mean:.1f} %) and {second.name} ({100 * second.mean:.1f} %)"
     shows = f"show differences of about {100 * found.smallest:.0f} points"
+    if found.smallest > 1:
+        shows = "are too few to show any difference"
     if found.kind == "training seeds":
         seeds = f"{len(first.rates)} and {len(second.rates)} training seeds"
         return f"{rates} are not told apart: {seeds} {shows}"

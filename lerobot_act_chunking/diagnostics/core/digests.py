@@ -38,6 +38,27 @@ def checkpoint_digest(checkpoint: str, without: Collection[str] = ()) -> str:
     return content.hexdigest()
 
 
+def dataset_digest(dataset: str | Path) -> str | None:
+    """SHA-256 of a LeRobotDataset: names and sizes of its files, and all that is no video or image.
+
+    Args:
+        dataset: its folder.
+
+    Returns:
+        None if there is no dataset.
+    """
+    folder, content = Path(dataset), hashlib.sha256()
+    if not (folder / "meta" / "info.json").is_file():
+        return None
+    for path in sorted(each for each in folder.rglob("*") if each.is_file()):
+        name = path.relative_to(folder)
+        content.update(f"{name.as_posix()} {path.stat().st_size}".encode())
+        if name.parts[0] in ("meta", "data"):
+            with path.open("rb") as file:
+                content.update(hashlib.file_digest(file, "sha256").digest())
+    return content.hexdigest()
+
+
 def environment_identity(env_config: EnvConfig) -> dict[str, str]:
     """The type of an environment and every field of its configuration, as text, and what means success."""
     fields: Mapping[str, Any] = asdict(env_config)  # pyright: ignore[reportArgumentType]

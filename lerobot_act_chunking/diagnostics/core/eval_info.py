@@ -15,15 +15,16 @@ def read_outcomes(eval_info: Path) -> dict[Episode, bool]:
     """Whether each episode succeeded, from the ``eval_info.json`` that ``lerobot-eval`` writes.
 
     Raises:
-        DatasetError: the file is absent, is not lerobot-eval's, or holds no episode.
+        DatasetError: the file is absent, is not lerobot-eval's, holds no episode, or one of which it is not
+            known whether it succeeded.
     """
     try:
         outcomes = {
-            (str(task.get("task_group", "")), int(task.get("task_id", place)), number): bool(success)
+            (str(task.get("task_group", "")), int(task.get("task_id", place)), number): success
             for place, task in enumerate(read_json(eval_info)["per_task"])
             for number, success in enumerate(task["metrics"]["successes"])
         }
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         raise DatasetError(
             f"no evaluation at {eval_info}; run lerobot-eval with this output folder first"
         ) from None
@@ -31,7 +32,12 @@ def read_outcomes(eval_info: Path) -> dict[Episode, bool]:
         raise DatasetError(f"{eval_info} is not an {EVAL_INFO} of lerobot-eval: {error!r}") from error
     if not outcomes:
         raise DatasetError(f"{eval_info} holds no episode: run lerobot-eval again")
-    return outcomes
+    if None in outcomes.values():
+        raise DatasetError(
+            f"{eval_info} does not know which episodes succeeded, since their environment never said it: run "
+            "act-chunking eval again with --success-key, which names what means success"
+        )
+    return {episode: bool(success) for episode, success in outcomes.items()}
 
 
 def read_success_rate(eval_info: Path) -> SuccessRate:

@@ -10,20 +10,22 @@ from typing import Any
 
 from lerobot_act_chunking.diagnostics.core.digests import (
     checkpoint_digest,
+    dataset_digest,
     environment_identity,
     question_digest,
 )
 from lerobot_act_chunking.diagnostics.core.report import with_untrained
 from lerobot_act_chunking.diagnostics.core.success_keys import never_said
-from lerobot_act_chunking.diagnostics.core.training import untrained
+from lerobot_act_chunking.diagnostics.core.training import read_training, untrained
 from lerobot_act_chunking.diagnostics.eval.films import choose, film
 from lerobot_act_chunking.diagnostics.eval.measuring import Results, measure
 from lerobot_act_chunking.diagnostics.eval.playing import Stage
 from lerobot_act_chunking.diagnostics.eval.report import EvalReport, RunResult
-from lerobot_act_chunking.diagnostics.eval.runs import Run
+from lerobot_act_chunking.diagnostics.eval.runs import QUESTION, Run
 from lerobot_act_chunking.diagnostics.eval.settings import Settings
 from lerobot_act_chunking.diagnostics.eval.subject import Subject, read_subject
 from lerobot_act_chunking.diagnostics.eval.verdict import judge
+from lerobot_act_chunking.errors import ConfigurationError
 
 DEFAULT_PARENT, FILMS = Path("outputs/eval"), "films"
 PACKAGES = ("lerobot_policy_act_chunking", "lerobot", "torch", "numpy", "mujoco", "gymnasium")
@@ -45,6 +47,7 @@ def diagnose(settings: Settings, progress: Progress | None = None) -> EvalReport
         place: read_subject(place, settings.environment) for each in settings.recipes for place in each.places
     }
     runs, folder = _runs(settings, subjects)
+    _check_merge(runs, settings.merge)
     for run in runs:
         for other in settings.merge:
             run.take_over(other / run.place)
@@ -60,11 +63,14 @@ def diagnose(settings: Settings, progress: Progress | None = None) -> EvalReport
         progress=progress,
     )
     results = [_result(run, found, subjects[run.checkpoint], settings.videos) for run in runs]
+    unknown = _never_said(results, subjects)
+    results = [replace(each, is_judged=unknown is None) for each in results]
     complete = settings.shard.of == 1
     machine = _machine()
     for each in results:
-        each.run.write_eval_info(each.episodes, {"complete": complete, "machine": machine})
-    judgement = judge(results, decision, _never_said(results, subjects))
+        facts = {"complete": complete, "machine": machine, "dataset": each.dataset}
+        each.run.write_eval_info(each.episodes, facts, is_judged=each.is_judged)
+    judgement = judge(results, decision, unknown)
     for place in subjects:
         judgement = with_untrained(judgement, untrained(place))
     return EvalReport(
@@ -77,6 +83,16 @@ def diagnose(settings: Settings, progress: Progress | None = None) -> EvalReport
         complete=complete,
         notes=_notes(settings, results),
     )
+
+
+def _check_merge(runs: list[Run], others: tuple[Path, ...]) -> None:
+    for other in others:
+        if not any((other / run.place / QUESTION).is_file() for run in runs):
+            places = ", ".join(str(run.place) for run in runs)
+            raise ConfigurationError(
+                f"--merge={other} holds no evaluation of {places}: give the --output-dir of the same command "
+                "with another --shard"
+            )
 
 
 def _runs(settings: Settings, subjects: dict[str, Subject]) -> tuple[list[Run], Path]:
@@ -109,7 +125,15 @@ def _runs(settings: Settings, subjects: dict[str, Subject]) -> tuple[list[Run], 
 
 
 def _result(run: Run, found: Results, subject: Subject, videos: int) -> RunResult:
-    result = RunResult(run, found.of(run), found.groups[run.title], subject.dt, subject.action_names)
+    folder = read_training(run.checkpoint, subject.config).folder
+    result = RunResult(
+        run,
+        found.of(run),
+        found.groups[run.title],
+        subject.dt,
+        subject.action_names,
+        None if folder is None else {"folder": folder, "sha256": dataset_digest(folder)},
+    )
     chosen = [(result.episodes[place], result.commands(place)) for place in choose(result.episodes, videos)]
     films = film(subject.env_config, subject.config, chosen, run.folder / FILMS) if chosen else ()
     return replace(result, films=films)

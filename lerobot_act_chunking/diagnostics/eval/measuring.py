@@ -29,6 +29,12 @@ class Results:
         found = self.groups.get(run.title, {})
         return [each for number in sorted(found) for each in found[number].episodes][: self.episodes]
 
+    @property
+    def is_judged(self) -> bool:
+        """Whether any episode was ever called a success or none."""
+        groups = [each for found in self.groups.values() for each in found.values()]
+        return any(one.instead is None for each in groups for one in each.episodes)
+
     def successes(self, run: Run) -> list[bool]:
         """Which of them succeeded."""
         return [each.success for each in self.of(run)]
@@ -52,7 +58,8 @@ def measure(
         numbers: of the groups that are wanted of each.
         episodes: most of each run that count.
         workers: processes.
-        until_decided: end after the first group with which it is known which is best.
+        until_decided: end after the first group with which it is known which is best, or with which nothing
+            is known of success.
         progress: called with the numbers of episodes done and planned.
     """
     results = Results(episodes, {run.title: dict(run.groups(numbers)) for run in runs})
@@ -79,7 +86,7 @@ def measure(
                     progress(done * stage.batch_size, planned * stage.batch_size)
             if until_decided:
                 decision = decide({run.title: results.successes(run) for run in runs}, episodes)
-                if decision.decided:
+                if decision.decided or not results.is_judged:
                     break
     return results, decision
 

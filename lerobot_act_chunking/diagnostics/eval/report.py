@@ -32,7 +32,10 @@ class RunResult:
         groups: the finished groups, by their numbers.
         dt: control period [s].
         action_names: of the A numbers of a command.
+        dataset: of the training: its folder, and its SHA-256 if it is here; None where it is not known.
         films: of some of the episodes.
+        is_judged: whether the environment ever said of any policy whether an episode succeeds; if not,
+            successes and failures mean nothing.
     """
 
     run: Run
@@ -40,7 +43,9 @@ class RunResult:
     groups: Mapping[int, Group]
     dt: float
     action_names: Sequence[str]
+    dataset: dict[str, str | None] | None = None
     films: Sequence[Film] = ()
+    is_judged: bool = True
 
     @cached_property
     def rate(self) -> SuccessRate:
@@ -51,11 +56,6 @@ class RunResult:
         """The commands (T, A) of the episode at this place."""
         group, within = divmod(place, int(self.run.question["batch_size"]))
         return self.run.motion(sorted(self.groups)[group], within, "commands")
-
-    @property
-    def is_judged(self) -> bool:
-        """Whether the environment ever said whether an episode succeeds."""
-        return any(each.instead is None for each in self.episodes)
 
     @property
     def rules(self) -> dict[str, int]:
@@ -69,14 +69,19 @@ class RunResult:
 
     @property
     def failures(self) -> dict[str, int]:
-        """Failed episodes by their labels, the most frequent first."""
-        labels = [each.label for each in self.episodes if each.label is not None]
+        """Failed episodes by their labels, the most frequent first; none where that is not known."""
+        labels = [each.label for each in self.episodes if each.label is not None and self.is_judged]
         return dict(Counter(labels).most_common())
 
     @property
     def stalled(self) -> int:
         """Failed episodes at whose end nothing moved."""
         return sum(each.stalled for each in self.episodes)
+
+    @property
+    def sum_reward(self) -> float:
+        """Mean over the episodes of the sum of their rewards."""
+        return fmean(each.sum_reward for each in self.episodes)
 
     @property
     def seconds(self) -> float:
@@ -111,6 +116,7 @@ class RunResult:
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers, strings, lists and dictionaries."""
+        known = self.is_judged
         return {
             "title": self.run.title,
             "recipe": self.run.name,
@@ -118,13 +124,15 @@ class RunResult:
             "draw": self.run.draw,
             "checkpoint": self.run.checkpoint,
             "policy_type": self.run.policy_type,
-            **asdict(self.rate),
-            "interval": list(self.rate.exact_interval),
-            "is_judged": self.is_judged,
+            "dataset": self.dataset,
+            "successes": self.rate.successes if known else None,
+            "episodes": self.rate.episodes,
+            "interval": list(self.rate.exact_interval) if known else None,
+            "is_judged": known,
             "rules": self.rules,
             "failures": self.failures,
-            "stalled": self.stalled,
-            "mean_sum_reward": fmean(each.sum_reward for each in self.episodes),
+            "stalled": self.stalled if known else None,
+            "mean_sum_reward": self.sum_reward,
             "median_seconds": self.seconds,
             "median_seconds_to_success": self.seconds_to_success,
             "network_calls_per_second": self.network_calls,
@@ -132,7 +140,7 @@ class RunResult:
             "other_step_ms": self.milliseconds("other_ms"),
             "log_dimensionless_jerk": self.median_of("log_dimensionless_jerk"),
             "sparc": self.median_of("sparc"),
-            "failed_seeds": [each.seed for each in self.episodes if not each.success],
+            "failed_seeds": [each.seed for each in self.episodes if known and not each.success],
             "question": self.run.question,
         }
 
@@ -169,6 +177,11 @@ class EvalReport(Report):
             Recipe(name, tuple(str(run.folder / EVAL_INFO) for run in first if run.name == name))
             for name in names
         )
+
+    @property
+    def is_judged(self) -> bool:
+        """Whether anything is known of success; the environment is one for all."""
+        return all(each.is_judged for each in self.results)
 
     @property
     def labels(self) -> list[str]:

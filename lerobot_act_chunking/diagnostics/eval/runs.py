@@ -124,17 +124,26 @@ class Run:
                 taken += 1
         return taken
 
-    def write_eval_info(self, episodes: Sequence[Episode], facts: dict[str, Any]) -> Path:
-        """What ``lerobot-eval`` would have written of these episodes, and all that it would not."""
+    def write_eval_info(
+        self, episodes: Sequence[Episode], facts: dict[str, Any], *, is_judged: bool = True
+    ) -> Path:
+        """What ``lerobot-eval`` would have written of these episodes, and all that it would not.
+
+        Args:
+            episodes: in the order of their seeds.
+            facts: about all of them.
+            is_judged: whether anything is known of success; if not, it is null.
+        """
+        told = [(each.success, each.label) if is_judged else (None, None) for each in episodes]
         metrics = {
             "sum_rewards": [each.sum_reward for each in episodes],
             "max_rewards": [each.max_reward for each in episodes],
-            "successes": [each.success for each in episodes],
+            "successes": [success for success, _ in told],
         }
         overall = {
             "avg_sum_reward": float(np.mean(metrics["sum_rewards"])),
             "avg_max_reward": float(np.mean(metrics["max_rewards"])),
-            "pc_success": 100 * float(np.mean(metrics["successes"])),
+            "pc_success": 100 * float(np.mean(metrics["successes"])) if is_judged else None,
             "n_episodes": len(episodes),
         }
         group = str(self.question["environment"]["type"])
@@ -145,7 +154,10 @@ class Run:
             "act_chunking": {
                 **facts,
                 "question": self.question,
-                "episodes": [{**vars(each), "label": each.label} for each in episodes],
+                "episodes": [
+                    {**vars(each), "success": success, "label": label}
+                    for each, (success, label) in zip(episodes, told, strict=True)
+                ],
             },
         }
         write_atomically(self.folder / EVAL_INFO, _json(content))

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from lerobot_act_chunking.diagnostics.core.environments import EnvironmentSpec
+from lerobot_act_chunking.diagnostics.core.eval_info import EVAL_INFO
 from lerobot_act_chunking.diagnostics.core.recipes import Recipe, check_names, parse_recipe
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.number_checks import check_at_least
@@ -127,9 +128,15 @@ def parse_policy(text: str) -> Recipe:
     """A policy of the command line: ``NAME=CHECKPOINT[,CHECKPOINT...]``, or a checkpoint alone.
 
     Raises:
-        ConfigurationError: no name or no checkpoint.
+        ConfigurationError: no name, no checkpoint, or the ``eval_info.json`` of an evaluation.
     """
     name, places = parse_recipe(text, "checkpoint", EXAMPLE)
+    for place in places:
+        if PurePosixPath(place).name == EVAL_INFO:
+            raise ConfigurationError(
+                f"{place} is of an evaluation that is done, and eval takes checkpoints: act-chunking compare "
+                "reads it"
+            )
     return Recipe(name or name_of(places[0]), places)
 
 

@@ -5,13 +5,13 @@ from rich.markup import escape
 from rich.table import Table
 
 from lerobot_act_chunking.diagnostics.core.terminal import print_verdict, table_of
-from lerobot_act_chunking.diagnostics.eval.report import EvalReport
+from lerobot_act_chunking.diagnostics.eval.report import EvalReport, RunResult
 
 
 def print_report(report: EvalReport, console: Console) -> None:
     """Print every policy, why it failed, and the verdict."""
     console.print(_policies(report))
-    if any(each.failures and each.is_judged for each in report.results):
+    if report.labels:
         console.print(_failures(report))
     for note in report.notes:
         console.print(f"[dim]- {escape(note)}[/]", highlight=False)
@@ -19,22 +19,32 @@ def print_report(report: EvalReport, console: Console) -> None:
 
 
 def _policies(report: EvalReport) -> Table:
-    table = table_of(
-        "policy", "successes", "success %", "95 % interval", "seconds", "calls/s", "network ms", "jerk"
-    )
+    outcome = ("successes", "success %", "95 % interval") if report.is_judged else ("successes", "reward")
+    table = table_of("policy", *outcome, "seconds", "calls/s", "network ms", "jerk")
     for each in report.results:
-        low, high = each.rate.exact_interval
         table.add_row(
             escape(each.run.title),
-            f"{each.rate.successes if each.is_judged else '?'} of {each.rate.episodes}",
-            f"{100 * each.rate.rate:.1f}" if each.is_judged else "?",
-            f"{100 * low:.1f}-{100 * high:.1f}" if each.is_judged else "?",
-            _number(each.seconds_to_success),
+            *(_success(each) if report.is_judged else _what_is_known(each)),
             f"{each.network_calls:.2g}",
             _number(each.milliseconds("network_ms")),
             _number(each.median_of("log_dimensionless_jerk")),
         )
     return table
+
+
+def _success(result: RunResult) -> list[str]:
+    low, high = result.rate.exact_interval
+    return [
+        f"{result.rate.successes} of {result.rate.episodes}",
+        f"{100 * result.rate.rate:.1f}",
+        f"{100 * low:.1f}-{100 * high:.1f}",
+        _number(result.seconds_to_success),
+    ]
+
+
+def _what_is_known(result: RunResult) -> list[str]:
+    """In place of success: the mean sum of rewards, and the median length of all episodes."""
+    return [f"? of {result.rate.episodes}", _number(result.sum_reward), _number(result.seconds)]
 
 
 def _failures(report: EvalReport) -> Table:

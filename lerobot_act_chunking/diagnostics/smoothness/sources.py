@@ -15,6 +15,7 @@ from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
 from lerobot_act_chunking.diagnostics.core.environments import action_names, environment_of
 from lerobot_act_chunking.diagnostics.core.noise_floor import NoiseFloor, measure_noise
 from lerobot_act_chunking.diagnostics.core.rollouts import Inference, Rollout, roll_out
+from lerobot_act_chunking.diagnostics.core.success_keys import never_said
 from lerobot_act_chunking.diagnostics.core.training import untrained
 from lerobot_act_chunking.diagnostics.smoothness.settings import EvaluationSpec
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
@@ -88,12 +89,14 @@ def run_checkpoint(path: str, spec: EvaluationSpec, progress: Progress | None = 
     seeds = range(spec.seed, spec.seed + spec.episodes)
     rollouts = roll_out(policy, env_config, seeds, n_envs=spec.n_envs, progress=progress)
     std = action_std(policy)
+    unknown = never_said(env_config, [rollout.instead for rollout in rollouts])
     return Source(
         rollouts=rollouts,
         joint_names=action_names(env_config, rollouts[0].commands.shape[1], path),
         action_std=_std_of(rollouts) if std is None else std,
         latency_steps=getattr(policy.policy.config, "latency_steps", 0),
-        notes=tuple(filter(None, [untrained(path)])),
+        knows_success=unknown is None,
+        notes=tuple(filter(None, [untrained(path), unknown])),
     )
 
 

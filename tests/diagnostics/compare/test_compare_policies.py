@@ -69,6 +69,13 @@ def test_alike_policies_are_not_told_apart_and_the_card_says_what_would(tmp_path
     assert needed == pytest.approx(50 * (found.smallest / found.difference) ** 2, rel=0.11)
 
 
+def test_few_episodes_show_nothing(tmp_path):
+    places = [evaluation(tmp_path / name, [True] * 4) for name in "ab"]
+    report = compare(*places)
+    assert "4 episodes are too few to show any difference" in report.reasons[0]
+    assert "150" not in card_of(report)
+
+
 def test_the_smallest_difference_is_found_in_four_of_five_studies():
     rng, n, found = np.random.default_rng(0), 200, []
     first, second = 0.75, 0.6

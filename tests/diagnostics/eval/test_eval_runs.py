@@ -1,11 +1,13 @@
 """Episodes of an evaluation on the disk: gone on with, shared out and put together again."""
 
 import json
+from shutil import copytree
 
 import numpy as np
 import pytest
 from small_policies import make_policy, save
 
+from lerobot_act_chunking.diagnostics.core.digests import dataset_digest
 from lerobot_act_chunking.diagnostics.core.environments import EnvironmentSpec
 from lerobot_act_chunking.diagnostics.core.recipes import Recipe
 from lerobot_act_chunking.diagnostics.eval import measuring
@@ -53,6 +55,25 @@ def test_everything_is_written_down(checkpoint, tmp_path):
     assert [each["seed"] for each in info["act_chunking"]["episodes"]] == list(range(1000, 1006))
 
 
+def test_the_dataset_of_the_training_is_named_with_its_digest(checkpoint, tmp_path):
+    place, dataset = copytree(checkpoint, tmp_path / "policy"), tmp_path / "dataset"
+    (place / "train_config.json").write_text(json.dumps({"dataset": {"repo_id": "a", "root": str(dataset)}}))
+    (dataset / "meta").mkdir(parents=True)
+    found = []
+    for text in (None, "{}", '{"fps": 50}'):
+        if text is not None:
+            (dataset / "meta" / "info.json").write_text(text)
+        (result,) = diagnose(settings(tmp_path / "out", str(place), episodes=2)).results
+        found.append(result.dataset["sha256"])
+        assert result.to_json()["dataset"]["folder"] == str(dataset)
+    assert found[0] is None
+    assert found[1] != found[2]
+    assert found[2] == dataset_digest(dataset)
+    assert diagnose(settings(tmp_path / "other", checkpoint, episodes=2)).results[0].dataset is None
+    info = json.loads((tmp_path / "out" / "p0" / "eval_info.json").read_text())
+    assert info["act_chunking"]["dataset"] == {"folder": str(dataset), "sha256": found[2]}
+
+
 def test_finished_episodes_are_not_run_again(checkpoint, tmp_path, monkeypatch):
     first = diagnose(settings(tmp_path, checkpoint, episodes=4))
     played = []
@@ -83,12 +104,12 @@ def test_what_is_stopped_in_the_middle_goes_on(checkpoint, tmp_path, monkeypatch
 @pytest.mark.parametrize("of", [2, 3, 5])
 def test_parts_of_several_machines_make_the_whole(of, checkpoint, tmp_path):
     whole = diagnose(settings(tmp_path / "whole", checkpoint))
-    for number in range(1, of + 1):
-        if number <= 3:  # there are three groups
-            part = diagnose(settings(tmp_path / f"{number}", checkpoint, shard=Shard(number, of)))
-            assert not part.complete
-            assert "--merge of all parts" in part.notes[0]
-    parts = tuple(tmp_path / f"{number}" for number in range(1, of + 1))
+    numbers = range(1, min(of, 3) + 1)  # there are three groups
+    for number in numbers:
+        part = diagnose(settings(tmp_path / f"{number}", checkpoint, shard=Shard(number, of)))
+        assert not part.complete
+        assert "--merge of all parts" in part.notes[0]
+    parts = tuple(tmp_path / f"{number}" for number in numbers)
     merged = diagnose(settings(tmp_path / "merged", checkpoint, merge=parts), progress=pytest.fail)
     assert episodes_of(merged) == episodes_of(whole)
     np.testing.assert_array_equal(merged.results[0].commands(5), whole.results[0].commands(5))
@@ -242,6 +263,17 @@ def test_names_of_checkpoints(checkpoint, name):
     assert name_of(checkpoint) == name
     assert parse_policy(checkpoint).name == name
     assert parse_policy(f"x={checkpoint},b") == Recipe("x", (checkpoint, "b"))
+
+
+def test_an_evaluation_is_no_checkpoint():
+    with pytest.raises(ConfigurationError, match="act-chunking compare reads it"):
+        parse_policy("act=outputs/eval/act/eval_info.json")
+
+
+def test_a_part_that_is_not_there_is_refused(checkpoint, tmp_path):
+    with pytest.raises(ConfigurationError, match=r"--merge=.*part holds no evaluation of p0: give the"):
+        diagnose(settings(tmp_path / "out", checkpoint, merge=(tmp_path / "part",)))
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("text", ["0/2", "3/2", "1", "a/b", "1/0"])

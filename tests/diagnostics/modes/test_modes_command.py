@@ -40,6 +40,7 @@ LEROBOTS = {
     "vqbet": (
         SEEN,
         {
+            "action_chunk_size": CHUNK,
             "pretrained_backbone_weights": None,
             "gpt_n_layer": 1,
             "gpt_n_head": 2,
@@ -83,6 +84,8 @@ def checkpoint(folder, dataset, kind, inputs=INPUTS, **settings):
         **{**sizes, **settings},
     )
     policy = get_policy_class(kind)(config)
+    if kind == "vqbet":  # it warns as long as its tokenizer is not trained
+        policy.vqbet.action_head.vqvae_model.discretized.fill_(True)
     stats = {
         key: {
             "mean": torch.zeros(n),
