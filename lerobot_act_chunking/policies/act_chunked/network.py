@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from lerobot_act_chunking.data.batch import ActionTarget, Observation
 from lerobot_act_chunking.heads.action_head import ActionHead
 from lerobot_act_chunking.nn.autoregressive import AutoregressiveDecoder
+from lerobot_act_chunking.nn.instruction import InstructionEmbedding
 from lerobot_act_chunking.nn.latents.latent import Latent, Posterior
 from lerobot_act_chunking.nn.masking import PadNormalization
 from lerobot_act_chunking.nn.observation import ObservationEncoder
@@ -77,6 +78,7 @@ class ActNetwork(nn.Module):
         head: ActionHead,
         prefix_encoder: PrefixEncoder | None,
         dim: int,
+        instruction: InstructionEmbedding | None = None,
     ):
         super().__init__()
         self.observation_encoder = observation_encoder
@@ -88,6 +90,7 @@ class ActNetwork(nn.Module):
         self.decoder = decoder
         self.head = head
         self.prefix_encoder = prefix_encoder
+        self.instruction = instruction
 
     def encode_observation(
         self, window: Observation, given: GivenActions | None = None

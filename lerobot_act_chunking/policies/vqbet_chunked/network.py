@@ -10,8 +10,10 @@ from lerobot_act_chunking.heads.offsets import ConditionedOffset, TableOffset
 from lerobot_act_chunking.nn.condition import CameraKeypoints
 from lerobot_act_chunking.nn.gpt import Gpt
 from lerobot_act_chunking.nn.history import HistoryTokens
+from lerobot_act_chunking.nn.instruction import InstructionEmbedding
 from lerobot_act_chunking.nn.prefix import GivenActions, PrefixEncoder
 from lerobot_act_chunking.nn.vision import make_backbone
+from lerobot_act_chunking.policies.language.make import instruction_dims, make_instruction
 from lerobot_act_chunking.policies.prefix import prefix_predictions
 from lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked import VqbetChunkedConfig
 from lerobot_act_chunking.tokenizers.tokenizer import ActionTokenizer
@@ -34,6 +36,7 @@ class VqbetNetwork(nn.Module):
         code_head: CodeHead,
         offset_head: ConditionedOffset | TableOffset,
         prefix_encoder: PrefixEncoder | None,
+        instruction: InstructionEmbedding | None = None,
     ):
         super().__init__()
         self.history = history
@@ -42,6 +45,7 @@ class VqbetNetwork(nn.Module):
         self.code_head = code_head
         self.offset_head = offset_head
         self.prefix_encoder = prefix_encoder
+        self.instruction = instruction
 
     def forward(
         self, window: Observation, n_future: int, given: GivenActions | None = None
@@ -83,7 +87,8 @@ def build_network(
     features, dim = config.feature_spec, config.gpt_hidden_dim
     (action_dim,) = features.action
     hidden, chunk = tuple(config.head_hidden_dims), (config.chunk_size, action_dim)
-    history = _history(config, backbone_weights)
+    instruction = make_instruction(config)
+    history = _history(config, backbone_weights, instruction_dims(instruction))
     max_tokens = config.n_obs_steps * (history.n_tokens + 1) + config.n_action_pred_token - 1
     codes = tokenizer.n_codes, tokenizer.vocabulary
     return VqbetNetwork(
@@ -102,12 +107,14 @@ def build_network(
         prefix_encoder=PrefixEncoder(prefix_predictions(config), action_dim, dim)
         if config.prefix_steps
         else None,
+        instruction=instruction,
     )
 
 
-def _history(config: VqbetChunkedConfig, weights: str | None) -> HistoryTokens:
+def _history(config: VqbetChunkedConfig, weights: str | None, told: dict[str, int]) -> HistoryTokens:
+    """Reads what is observed, and vectors of what the policy is told."""
     features = config.feature_spec
-    dims = {key: dim for key, (dim,) in features.vectors.items()}
+    dims = {key: dim for key, (dim,) in features.vectors.items()} | told
     cameras = None
     if features.images:
         backbone = make_backbone(config.vision_backbone, config.backbone_norm, weights)
