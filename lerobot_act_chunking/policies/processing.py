@@ -3,12 +3,7 @@
 import copy
 from typing import Any
 
-from lerobot.processor import (
-    AddBatchDimensionProcessorStep,
-    PolicyAction,
-    PolicyProcessorPipeline,
-    make_default_pre_post_processors,
-)
+from lerobot.processor import PolicyAction, PolicyProcessorPipeline, make_default_pre_post_processors
 
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
 from lerobot_act_chunking.policies.language.tokens import InstructionTokens
@@ -23,7 +18,7 @@ Processors = tuple[
 def make_processors(
     config: ChunkedConfig, dataset_stats: dict[str, dict[str, Any]] | None = None
 ) -> Processors:
-    """Rename, batch, tokenise a task that is read, move and normalise before the policy; the reverse behind.
+    """Rename, batch, move, normalise and tokenise a task that is read before the policy; the reverse behind.
 
     The steps are LeRobot's, under LeRobot's names, but for `InstructionTokens`. `norm_std_floor` is applied
     to the statistics they hold, so a checkpoint carries the floored ones and resuming keeps them. When
@@ -40,7 +35,5 @@ def make_processors(
         dataset_stats = floored_statistics(config, dataset_stats, config.norm_std_floor)
     before, behind = make_default_pre_post_processors(config, dataset_stats, normalizer_device=config.device)
     if config.language_encoder is not None:
-        batched = [isinstance(step, AddBatchDimensionProcessorStep) for step in before.steps].index(True)
-        reads = InstructionTokens(config.language_encoder, config.language_tokens)
-        before.steps = [*before.steps[: batched + 1], reads, *before.steps[batched + 1 :]]
+        before.steps = [*before.steps, InstructionTokens(config.language_encoder, config.language_tokens)]
     return before, behind

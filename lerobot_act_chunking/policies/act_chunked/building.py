@@ -19,7 +19,7 @@ from lerobot_act_chunking.nn.velocity import FiniteDifferences
 from lerobot_act_chunking.nn.vision import make_backbone
 from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
 from lerobot_act_chunking.policies.act_chunked.network import ActNetwork
-from lerobot_act_chunking.policies.language.make import instruction_dims, make_instruction
+from lerobot_act_chunking.policies.language.make import make_instruction
 
 
 def build_network(config: ActChunkedConfig, backbone_weights: str | None) -> ActNetwork:
@@ -34,8 +34,7 @@ def build_network(config: ActChunkedConfig, backbone_weights: str | None) -> Act
     )
     (action_dim,) = config.feature_spec.action
     n_queries = config.chunk_size // config.actions_per_query
-    instruction = make_instruction(config)
-    observation_encoder = _observation_encoder(config, backbone_weights, instruction_dims(instruction))
+    observation_encoder = _observation_encoder(config, backbone_weights)
     latent = style_encoder = None
     if config.use_vae:
         latent = make_latent(config.latent_spec, config.dim_model)
@@ -53,7 +52,7 @@ def build_network(config: ActChunkedConfig, backbone_weights: str | None) -> Act
         prefix_encoder=PrefixEncoder(config.prefix_predictions, action_dim, config.dim_model)
         if config.prefix_steps
         else None,
-        instruction=instruction,
+        instruction=make_instruction(config),
     )
 
 
@@ -67,10 +66,7 @@ def _decoder(
     )
 
 
-def _observation_encoder(
-    config: ActChunkedConfig, weights: str | None, told: dict[str, int]
-) -> ObservationEncoder:
-    """Reads what is observed, and vectors of what the policy is told."""
+def _observation_encoder(config: ActChunkedConfig, weights: str | None) -> ObservationEncoder:
     features = config.feature_spec
     dims = {key: dim for key, (dim,) in features.vectors.items()}
     cameras = None
@@ -79,7 +75,7 @@ def _observation_encoder(
         kind = CameraSummaries if config.image_tokens == "summary" else CameraTokens
         cameras = kind(features.seen, config.dim_model, backbone, channels)
     return ObservationEncoder(
-        vectors=VectorTokens(dims | told, config.dim_model) if dims | told else None,
+        vectors=VectorTokens(dims, config.dim_model) if dims else None,
         cameras=cameras,
         n_obs_steps=config.n_obs_steps,
         differences=FiniteDifferences(dims) if config.use_velocity else None,
