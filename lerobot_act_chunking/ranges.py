@@ -179,6 +179,9 @@ RANGES: dict[str, Range] = {
     "bet_softmax_temperature": _TEMPERATURE,
     "top_p": _POSITIVE_FRACTION,
     "mode_balance_power": Range(0, 1),
+    # Instructions.
+    "language_tokens": Range(3, 4096, hint="two of them mark the beginning and the end"),
+    "language_dropout": _FRACTION,
 }
 """For every field of numbers, or of lists of numbers, those that it may hold; all types share it."""
 

@@ -53,6 +53,21 @@ def test_the_tables_of_the_study_of_demonstrators_are_those_of_its_results():
     assert tables.with_tables(page.replace("| `hesitant` |", "| `nobody` |")) == page
 
 
+def test_the_tables_of_instructions_are_those_of_their_results(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    names = ("mode_study", "language_reading", "language")
+    study, reading, following = (load(f"benchmarks/{name}.py") for name in names)
+    results = json.loads(reading.RESULTS.read_text())
+    for script, rows in ((reading, results), (following, following.known())):
+        page, shown = script.PAGE.read_text(), script.table(rows)
+        assert study.with_table(page, script.MARK, shown) == page, f"run: python {script.__file__}"
+        assert study.with_table(page, script.MARK, "nothing") != page
+    told: dict[str, list[float]] = {"words": [], "mean": []}
+    for row in results:
+        told[row["reading"]].append(row["unseen"]["direction"])
+    assert min(told["words"]) > max(told["mean"])
+
+
 def test_the_table_of_comparisons_that_stop_early_is_that_of_its_results():
     tables = load("benchmarks/sequential.py")
     page = tables.PAGE.read_text()

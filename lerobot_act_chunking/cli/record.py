@@ -18,8 +18,9 @@ def record_command(
     task: Annotated[
         str | None,
         typer.Option(
-            help="transfer_cube, insertion or transfer_modes; FetchReach-v4, FetchPush-v4, FetchSlide-v4 or "
-            "FetchPickAndPlace-v4; pick_place, stack or two_ways (so_arm_sim); three_gates. "
+            help="transfer_cube, insertion, transfer_modes or language_transfer; FetchReach-v4, "
+            "FetchPush-v4, FetchSlide-v4 or FetchPickAndPlace-v4; pick_place, stack or two_ways "
+            "(so_arm_sim); three_gates. "
             "\\[default: the first of each]"
         ),
     ] = None,

@@ -171,12 +171,18 @@ def _middle(config: Any, known: TrainedOn) -> dict[str, Any]:
     found = {key: torch.zeros(1, *each.shape) for key, each in config.input_features.items()}
     for key in found.keys() & known.low.keys():
         found[key] = (torch.tensor([known.low[key]]) + torch.tensor([known.high[key]])) / 2
-    return {**found, "task": [""]}
+    return {**found, "task": [_task(config)]}
+
+
+def _task(config: Any) -> str:
+    """Something that the policy was told in its training, if it follows instructions."""
+    known = getattr(config, "instructions", None)
+    return known.tasks[0] if known is not None and known.tasks else ""
 
 
 def _batch_of(item: Mapping[str, Any], config: Any) -> dict[str, Any]:
     batch = {key: item[key].reshape(1, *each.shape) for key, each in config.input_features.items()}
-    return {**batch, "task": [item.get("task", "")]}
+    return {**batch, "task": [item.get("task", _task(config))]}
 
 
 def _renamed(there: Mapping[str, Any], rename_map: Mapping[str, str]) -> dict[str, Any]:
@@ -199,7 +205,7 @@ def _observe(robot: Any, config: Any, rename_map: Mapping[str, str]) -> dict[str
     features = {key: each for key, each in known if rename_map.get(key, key) in config.input_features}
     frame = _renamed(build_dataset_frame(features, seen, "observation"), rename_map)
     batch = prepare_observation_for_inference(frame, torch.device("cpu"), "", robot.name)
-    return {**batch, "task": [""]}
+    return {**batch, "task": [_task(config)]}
 
 
 def judge(findings: list[Finding], ways: list[Way]) -> Judgement:

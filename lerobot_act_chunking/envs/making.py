@@ -17,8 +17,9 @@ def make_env(task: str = "transfer_cube", **options: Any) -> gym.Env:
     says whether the task is done.
 
     Args:
-        task: ``transfer_cube``, ``insertion`` or ``transfer_modes`` (ALOHA), ``pick_place``, ``stack``
-            or ``two_ways`` (SO-101), ``three_gates``, or of gymnasium-robotics, as ``FetchPush-v4``.
+        task: ``transfer_cube``, ``insertion``, ``transfer_modes`` or ``language_transfer`` (ALOHA),
+            ``pick_place``, ``stack`` or ``two_ways`` (SO-101), ``three_gates``, or of gymnasium-robotics, as
+            ``FetchPush-v4``.
         options: fields of `AlohaSimOptions`, `SoArmOptions`, `ThreeGatesOptions` or `RoboticsOptions`, such
             as ``obs_type`` and ``cameras``.
 

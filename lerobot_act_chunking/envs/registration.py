@@ -8,6 +8,7 @@ GYM_IDS = {
     "transfer_cube": "aloha_sim/TransferCube-v0",
     "insertion": "aloha_sim/Insertion-v0",
     "transfer_modes": "aloha_sim/TransferModes-v0",
+    "language_transfer": "aloha_sim/LanguageTransfer-v0",
 }
 """Gymnasium id of each ALOHA task."""
 SO_ARM_IDS = {

@@ -65,12 +65,13 @@ class AdaptiveEnsemble(NewestChunk):
             self._counts[envs] = False
             self._disagreements[envs] = torch.nan
 
-    def clear(self) -> None:
+    def clear(self, envs: Environments = None) -> None:
         """Forget plans and older chunks; what is typical of an environment stays."""
-        super().clear()
+        super().clear(envs)
         if self._plan.numel():
-            self._older.zero_()
-            self._counts.zero_()
+            rows = slice(None) if envs is None else envs.to(self._plan.device)
+            self._older[rows] = 0
+            self._counts[rows] = False
 
     def _allocate(self, chunk: Tensor) -> None:
         super()._allocate(chunk)

@@ -13,6 +13,7 @@ from torch import Tensor
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.executor import ChunkExecutor, Prepare
 from lerobot_act_chunking.execution.settings import ExecutionSettings
+from lerobot_act_chunking.execution.timeline import Environments
 
 REMEMBERED = 10  # chunks, by whose longest delay the next one is expected
 CAST = ("cuda", "cpu")  # devices that may compute in another precision
@@ -50,10 +51,10 @@ class BackgroundExecutor(ChunkExecutor):
         self.delays.clear()
         super()._start(batch_size)
 
-    def clear(self) -> None:
+    def clear(self, envs: Environments = None) -> None:
         """Drop the actions that wait, and the chunk that is being computed; see `ChunkExecutor.clear`."""
         self._forget_awaited()
-        super().clear()
+        super().clear(envs)
 
     def _forget_awaited(self) -> None:
         """Wait until nothing is computed any more, so that draws and histories can begin anew."""

@@ -83,14 +83,15 @@ class ChunkExecutor:
             self._schedule(envs, self._step)
             self._timeline.reset(envs)
 
-    def clear(self) -> None:
-        """Drop the actions that wait: the next step asks for a chunk in every environment.
+    def clear(self, envs: Environments = None) -> None:
+        """Drop the actions that wait: the next step asks for a chunk in these environments; None for all.
 
         All else goes on: time, what was executed, what was learned from the rollout. LeRobot's
         ``drop_queued_actions`` calls this when the instruction changes within an episode.
         """
-        self._schedule(None, self._step)
-        self._timeline.clear()
+        if len(self._due_at) or envs is None:
+            self._schedule(envs, self._step)
+            self._timeline.clear(envs)
 
     def _start(self, batch_size: int) -> None:
         self._due_at = np.zeros(batch_size, dtype=np.int64)  # (B,) the step of each next chunk

@@ -60,17 +60,24 @@ class Timeline(ABC):
             self._covered_until = 0  # up to this step it is known that all environments have a plan
             self._rhythm, self._repeats = NO_RHYTHM, 0  # and for how many chunks in a row
         elif self._plan.numel():
-            self._separate()
-            self._shares[envs.numpy()] = EMPTY
-            self._covered_until = 0
-            self._plan[envs.to(self._plan.device), self._head :] = 0
+            self._forget_plan(envs)
 
-    def clear(self) -> None:
-        """Forget the plan of all environments from the current step on; the last action stays."""
+    def clear(self, envs: Environments = None) -> None:
+        """Forget the plan of these environments from the current step on; the last action stays."""
+        if envs is not None:
+            if self._plan.numel():
+                self._forget_plan(envs)
+            return
         self._rhythm, self._repeats = NO_RHYTHM, 0
         self._shares.fill(EMPTY)
         self._covered_until = 0
         self._plan[:, self._head :] = 0
+
+    def _forget_plan(self, envs: Int64[Tensor, " n"]) -> None:
+        self._separate()
+        self._shares[envs.numpy()] = EMPTY
+        self._covered_until = 0
+        self._plan[envs.to(self._plan.device), self._head :] = 0
 
     def _separate(self) -> None:
         """From now on the environments may differ in what their cells have seen."""

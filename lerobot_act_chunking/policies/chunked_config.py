@@ -22,6 +22,7 @@ from lerobot_act_chunking.policies.dataset_reading import DatasetReading, Featur
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields, check_gripper_dims
 from lerobot_act_chunking.policies.field_checks import check_fields
 from lerobot_act_chunking.policies.given_settings import GivenSettings
+from lerobot_act_chunking.policies.language.fields import LanguageFields, tasks_of
 from lerobot_act_chunking.policies.limit_fields import LimitFields
 from lerobot_act_chunking.policies.push_check import ChecksPush
 from lerobot_act_chunking.policies.seconds import to_chunk_size, to_interval, to_stride
@@ -34,9 +35,16 @@ IN_SECONDS = ("prediction_dt", "horizon_s", "replan_s")
 
 @dataclass
 class ChunkedConfig(
-    DatasetReading, ExecutionFields, LimitFields, CameraFields, RemembersTraining, GivenSettings, ChecksPush
+    DatasetReading,
+    ExecutionFields,
+    LimitFields,
+    CameraFields,
+    LanguageFields,
+    RemembersTraining,
+    GivenSettings,
+    ChecksPush,
 ):
-    """Settings of every policy that predicts chunks from any mix of state vectors and cameras.
+    """Settings of every policy that predicts chunks from any mix of state vectors, cameras and instructions.
 
     Lengths may be given in seconds instead of control steps. A configuration cannot see the dataset, so
     ``fps`` is then needed, too; a dataset recorded at another rate is refused.
@@ -107,6 +115,7 @@ class ChunkedConfig(
     def __post_init__(self) -> None:
         check_fields(self)
         self.check_limits()
+        self.check_language()
         super().__post_init__()
 
     @property
@@ -191,6 +200,8 @@ class ChunkedConfig(
         super().check_dataset(features, meta)
         if self.balance_modes == "labels":
             require_recorded_modes(Path(meta.root))
+        if self.language_encoder is not None:
+            tasks_of(meta)
 
     @property
     def feature_spec(self) -> FeatureSpec:

@@ -24,6 +24,8 @@ from lerobot_act_chunking.policies.batch_seeds import BatchSeeds
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
 from lerobot_act_chunking.policies.continuing import ContinuesChunks
 from lerobot_act_chunking.policies.dataset_defaults import fit_to_dataset
+from lerobot_act_chunking.policies.environments import indices
+from lerobot_act_chunking.policies.language.following import FollowsInstructions
 from lerobot_act_chunking.policies.limits import ActsWithinLimits
 from lerobot_act_chunking.policies.mode_balance import ModeBalance
 from lerobot_act_chunking.policies.model_card import WithModelCard
@@ -38,7 +40,7 @@ Batch = dict[str, Any]
 
 
 class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](
-    ContinuesChunks, ActsWithinLimits, WithModelCard, PreTrainedPolicy
+    ContinuesChunks, FollowsInstructions, ActsWithinLimits, WithModelCard, PreTrainedPolicy
 ):
     """Base of the policies: checks, weight averaging, checkpoints, and chunks executed one action at a time.
 
@@ -93,10 +95,13 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](
             check_statistics(config, dataset_stats)
         self.config = config
         self.feature_spec = config.feature_spec
+        self._begin_to_listen(dataset_meta)
         check_size(lambda: self._build(None))
         balanced = config.balance_modes != "none" and dataset_meta is not None
         self.mode_balance = ModeBalance.of_dataset(config, dataset_meta) if balanced else None
         self.model = self._build(config.pretrained_backbone_weights if load_backbone_weights else None)
+        if dataset_meta is not None and load_backbone_weights:
+            self._read_all_instructions()
         self.ema = (
             WeightAverage(self.model, power=config.ema_power, max_value=config.ema_max_value)
             if config.use_ema
@@ -168,12 +173,14 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](
     def select_action(self, batch: Batch, **_: Any) -> Tensor:
         """The normalised action (B, A) of this control step. Call `reset` at the start of each rollout."""
         observation = Observation.from_lerobot(batch, self.feature_spec)
+        self._drop_what_was_asked_before(batch)
         self._window.push(self._encode_images_on_arrival(observation))
 
         def prepare(envs: Environments, delay: int) -> Callable[[], Tensor]:
             if self.training:  # switching hundreds of modules takes a tenth of a chunk's time
                 self.eval()
-            return self._prepare(self._window.stack(envs), envs, self.config.n_action_steps, delay)
+            window = self._instructed(self._window.stack(envs), batch, envs)
+            return self._prepare(window, envs, self.config.n_action_steps, delay)
 
         return self.within_limits(self._action_queue.advance(prepare, observation.batch_size))
 
@@ -183,7 +190,8 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](
         if self.training and self.crop_seeds is not None:
             generator = self.crop_seeds.next_generator(target.actions.device)
         n_steps = self.config.n_obs_steps
-        return Observation.window_from_lerobot(batch, self.feature_spec, n_steps, target, generator)
+        window = Observation.window_from_lerobot(batch, self.feature_spec, n_steps, target, generator)
+        return self._taught(window, batch)
 
     def _window_of(self, batch: Batch, *, alone: bool = False) -> Observation:
         """The observations (B, H, ...) to predict from.
@@ -191,14 +199,11 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](
         They are the batch's own, if it has a time axis; else its step behind those before, or ``alone``.
         """
         if has_time_axis(batch, self.feature_spec, self.config.n_obs_steps):
-            return Observation.window_from_lerobot(batch, self.feature_spec, self.config.n_obs_steps)
-        window = (
-            ObservationWindow(self.config.n_obs_steps, self.config.timing.obs_stride)
-            if alone
-            else self._window
-        )
+            window = Observation.window_from_lerobot(batch, self.feature_spec, self.config.n_obs_steps)
+            return self._instructed(window, batch)
+        window = self._fresh_window() if alone else self._window
         window.push(self._encode_images_on_arrival(Observation.from_lerobot(batch, self.feature_spec)))
-        return window.stack()
+        return self._instructed(window.stack(), batch)
 
     @torch.no_grad()
     def _encode_images_on_arrival(self, observation: Observation) -> Observation:
@@ -246,6 +251,7 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](
             # LeRobot and its tools look for a queue under this name to learn when the next inference is due.
             self._action_queue = make_executor(self.config.execution_settings)
             self._window = self._fresh_window()
+            self._forget_instructions()
             every_frame = 1 < self.config.n_obs_steps >= self.config.execution_settings.replan_interval
             self._encodes_every_frame = every_frame and bool(self.feature_spec.images)
         else:
@@ -292,9 +298,3 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](
         """
         if self.ema is not None:
             raise ConfigurationError("use_ema does not follow PEFT adapters: set --policy.use_ema=false")
-
-
-def indices(envs: Sequence[int] | Tensor) -> Tensor:
-    """Environments, given as indices or as a mask over all, as indices on the CPU."""
-    envs = torch.as_tensor(envs, device="cpu")
-    return envs.nonzero()[:, 0] if envs.dtype == torch.bool else envs.to(torch.int64)

@@ -6,6 +6,7 @@ from typing import Any
 from lerobot.processor import PolicyAction, PolicyProcessorPipeline, make_default_pre_post_processors
 
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
+from lerobot_act_chunking.policies.language.tokens import InstructionTokens
 from lerobot_act_chunking.policies.statistics import check_statistics, floored_statistics
 
 Processors = tuple[
@@ -17,12 +18,12 @@ Processors = tuple[
 def make_processors(
     config: ChunkedConfig, dataset_stats: dict[str, dict[str, Any]] | None = None
 ) -> Processors:
-    """Rename, batch, move and normalise before the policy; un-normalise and move to the CPU behind it.
+    """Rename, batch, move, normalise and tokenise a task that is read before the policy; the reverse behind.
 
-    The steps are LeRobot's, under LeRobot's names. `norm_std_floor` is applied to the statistics they hold,
-    so a checkpoint carries the floored ones and resuming keeps them. When fine-tuning from a checkpoint,
-    LeRobot replaces them by the new dataset's raw statistics, without a floor; nothing in a policy's reach
-    changes that.
+    The steps are LeRobot's, under LeRobot's names, but for `InstructionTokens`. `norm_std_floor` is applied
+    to the statistics they hold, so a checkpoint carries the floored ones and resuming keeps them. When
+    fine-tuning from a checkpoint, LeRobot replaces them by the new dataset's raw statistics, without a floor;
+    nothing in a policy's reach changes that.
 
     Raises:
         DatasetError: if a statistic is missing, not finite, or no spread.
@@ -32,4 +33,7 @@ def make_processors(
     if dataset_stats is not None:
         check_statistics(config, dataset_stats)
         dataset_stats = floored_statistics(config, dataset_stats, config.norm_std_floor)
-    return make_default_pre_post_processors(config, dataset_stats, normalizer_device=config.device)
+    before, behind = make_default_pre_post_processors(config, dataset_stats, normalizer_device=config.device)
+    if config.language_encoder is not None:
+        before.steps = [*before.steps, InstructionTokens(config.language_encoder, config.language_tokens)]
+    return before, behind

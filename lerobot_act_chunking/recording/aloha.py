@@ -2,14 +2,21 @@
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from typing import Any
 
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
 from lerobot_act_chunking.envs.aloha.experts import RANGES, plan
+from lerobot_act_chunking.envs.aloha.instructions import COLOURS
 from lerobot_act_chunking.envs.aloha.options import AlohaSimOptions
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES, get_task
 from lerobot_act_chunking.recording.simulated import SimulatedSource, Step, World, noise_stream
 
-_OBJECTS = {"transfer_cube": ("cube",), "insertion": ("peg", "socket"), "transfer_modes": ("cube",)}
+_OBJECTS = {
+    "transfer_cube": ("cube",),
+    "insertion": ("peg", "socket"),
+    "transfer_modes": ("cube",),
+    "language_transfer": tuple(f"{colour}_cube" for colour in COLOURS),
+}
 _POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
 
@@ -38,6 +45,14 @@ class AlohaSource(SimulatedSource):
         task, fps = get_task(self.environment.task), AlohaSimEnv.metadata["render_fps"]
         return World(fps, task.instruction, "aloha", JOINT_NAMES, vectors, task.modes)
 
+    @property
+    def settings(self) -> dict[str, Any]:
+        """As of every source; without what only a task with several instructions has."""
+        kept = super().settings
+        if not get_task(self.environment.task).cubes:
+            del kept["instructions"]
+        return kept
+
     def make_env(self) -> AlohaSimEnv:
         """The simulation."""
         return AlohaSimEnv(render_mode=None, **asdict(self.environment))
@@ -46,8 +61,8 @@ class AlohaSource(SimulatedSource):
         """Play a plan to its end; a success does not cut it short."""
         observation, _ = env.reset(seed=seed)
         pose, options, rng = env.world.environment_state(), self.options_of(seed), noise_stream(seed)
-        script = plan(env.task, pose, options, rng, mode=self.mode_of(seed))
+        script = plan(env.task, pose, options, rng, mode=self.mode_of(seed), goal=env.goal)
         for action, command in zip(script.actions, script.commands, strict=True):
             seen = observation
             observation, _, _, _, info = env.step(command)
-            yield Step(seen, action, info)
+            yield Step(seen, action, info, env.task_description)

@@ -62,7 +62,7 @@ class DatasetAssembly:
         for t in range(len(episode)):
             frame: dict[str, Any] = {name: array[t] for name, array in episode.arrays.items()}
             frame |= {name: next(video) for name, video in videos.items()}
-            self._dataset.add_frame({**frame, "task": self._form.task})
+            self._dataset.add_frame({**frame, "task": episode.task or self._form.task})
         with SuppressProgressBars():
             self._dataset.save_episode()
         self._lengths.append(len(episode))

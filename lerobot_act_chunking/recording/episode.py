@@ -49,6 +49,7 @@ class Episode:
         arrays: {feature: (T, *shape) float32}.
         videos: {feature: T frames}.
         details: anything JSON can hold, kept with the episode in the dataset's metadata.
+        task: its instruction, where it is not the dataset's.
     """
 
     seed: int
@@ -56,6 +57,7 @@ class Episode:
     arrays: dict[str, np.ndarray]
     videos: dict[str, LosslessVideo] = field(default_factory=dict)
     details: dict[str, Any] = field(default_factory=dict)
+    task: str | None = None
 
     def __len__(self) -> int:
         return len(next(iter(self.arrays.values())))

@@ -52,11 +52,15 @@ class World:
 
 @dataclass(frozen=True)
 class Step:
-    """One control step: what was observed, the clean action for it, and the info of what followed."""
+    """One control step: what was observed, the clean action for it, and the info of what followed.
+
+    The instruction is the episode's own, where the world's is not that of all of them.
+    """
 
     observation: dict[str, Any]
     action: np.ndarray
     info: dict[str, Any]
+    instruction: str | None = None
 
 
 @dataclass(frozen=True)
@@ -175,11 +179,11 @@ class SimulatedSource(ABC):
         vectors: dict[str, list[np.ndarray]] = {name: [] for name in self.world.vectors}
         size = self.environment.observation_height, self.environment.observation_width
         cameras = {camera: LosslessEncoder(*size) for camera in self._cameras()}
-        actions, info = [], {}
+        actions, info, instruction = [], {}, None
         options = self.options_of(seed)
         missed = _stream(seed, 3).random(_MOST_STEPS) < options.dropped_frames
         for index, step in enumerate(self.steps(env, seed)):
-            info = step.info
+            info, instruction = step.info, step.instruction
             if missed[index % _MOST_STEPS] and index:
                 continue
             for name, rows in vectors.items():
@@ -200,6 +204,7 @@ class SimulatedSource(ABC):
                 **planted,
                 "expert": options.settings(),
             },
+            task=None if instruction == self.world.instruction else instruction,
         )
 
     def _cameras(self) -> list[str]:

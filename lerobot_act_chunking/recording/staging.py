@@ -38,6 +38,8 @@ class EpisodeStore:
     def save(self, episode: Episode) -> None:
         """Keep an attempt; on return it is safe from any crash."""
         header: dict[str, Any] = {"success": episode.success, "details": episode.details, "videos": {}}
+        if episode.task is not None:
+            header["task"] = episode.task
         entries: dict[str, Any] = {}
         if episode.success:
             entries |= {f"array/{name}": array for name, array in episode.arrays.items()}
@@ -56,7 +58,8 @@ class EpisodeStore:
                 name: LosslessVideo(file[f"video/{name}"].tobytes(), *size)
                 for name, size in header["videos"].items()
             }
-        return Episode(seed, header["success"], arrays, videos, header["details"])
+        task = header.get("task")
+        return Episode(seed, header["success"], arrays, videos, header["details"], task)
 
     def outcomes(self) -> dict[int, bool]:
         """{seed: success} of every attempt in store; damaged files are dropped, to be recorded again."""

@@ -82,3 +82,16 @@ def test_before_the_first_prediction_there_is_nothing_to_drop(mode):
     executor.clear()
     fresh = rollout(executor_for(mode), stream_for(mode), 8)
     assert torch.equal(rollout(executor, stream_for(mode), 8), fresh)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_of_some_environments_the_others_go_on_as_they_were(mode):
+    executors, streams = [executor_for(mode) for _ in range(3)], [stream_for(mode) for _ in range(3)]
+    for executor, stream in zip(executors, streams, strict=True):
+        rollout(executor, stream, 9, {3: [1]})
+    some, every, none = executors
+    some.clear(torch.tensor([1]))
+    every.clear()
+    actions = [continued(*each, 1)[0] for each in zip((some, every, none), streams, strict=True)]
+    torch.testing.assert_close(actions[0][1], actions[1][1], rtol=0, atol=1e-12)
+    torch.testing.assert_close(actions[0][[0, 2]], actions[2][[0, 2]], rtol=0, atol=1e-12)

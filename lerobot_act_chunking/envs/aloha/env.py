@@ -7,9 +7,10 @@ import numpy as np
 from gymnasium import spaces
 
 from lerobot_act_chunking.envs.aloha.failures import make_progress
+from lerobot_act_chunking.envs.aloha.instructions import Goal, draw_goal, draw_phrase
 from lerobot_act_chunking.envs.aloha.modes import HandOverMode
 from lerobot_act_chunking.envs.aloha.options import AlohaSimOptions
-from lerobot_act_chunking.envs.aloha.success import SUCCESS_RULES, make_success_rule
+from lerobot_act_chunking.envs.aloha.success import SUCCESS_RULES, make_reward, make_success_rule
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES, get_task, sample_object_pose, stock_generator
 from lerobot_act_chunking.envs.aloha.world import AlohaWorld
 from lerobot_act_chunking.envs.rendering import Images
@@ -24,7 +25,7 @@ class AlohaSimEnv(gym.Env):
     """Bimanual ALOHA, 50 Hz: gym-aloha's physics, actions and rewards; observations on request.
 
     Observations: ``agent_pos`` (14,) and ``agent_vel`` (14,) in the order of ``JOINT_NAMES``;
-    ``environment_state`` (7,) or (14,), x y z qw qx qy qz per object; ``pixels``
+    ``environment_state`` (7,), (14,) or (21,), x y z qw qx qy qz per object; ``pixels``
     {camera: uint8 (height, width, 3)}.
 
     Actions: (14,) joint targets [rad] and grippers 0 (closed) to 1 (open). ``action_space`` spans the
@@ -39,7 +40,11 @@ class AlohaSimEnv(gym.Env):
 
     Seeds: ``reset(seed=s)`` starts the very episode gym-aloha starts for seed ``s``, so results compare
     episode by episode; resets without a seed draw from ``np_random``; with
-    ``reset(options={"object_pose": array})`` the caller places the objects.
+    ``reset(options={"object_pose": array})`` the caller places the objects, with ``{"goal": Goal(...)}`` it
+    chooses what language_transfer is about.
+
+    Instruction: ``task_description``, where LeRobot looks for it. In language_transfer each episode has its
+    own, which alone tells what counts: the ``goal``.
 
     Args:
         render_mode: "rgb_array" or None.
@@ -58,12 +63,11 @@ class AlohaSimEnv(gym.Env):
         self.options = AlohaSimOptions(**options)
         self.task = self.options.task
         self.task_description = get_task(self.task).instruction
+        self.goal = Goal()
         self.world = AlohaWorld(self.task)
-        self._reward = get_task(self.task).reward
         places = get_task(self.task).hand_overs
         self._mode = HandOverMode(places) if places else None
-        self._rules = {name: make_success_rule(name, self.task) for name in SUCCESS_RULES}
-        self._progress = make_progress(self.task)
+        self._begin()
         self._images = Images(self.world.model, self.options)
         self.action_space = self._action_space()
         vectors = ("agent_pos", "agent_vel") if self.options.agent_vel else ("agent_pos",)
@@ -80,14 +84,22 @@ class AlohaSimEnv(gym.Env):
         """
         super().reset(seed=seed)
         rng = self.np_random if seed is None else stock_generator(seed)
-        pose = (options or {}).get("object_pose")
+        options = options or {}
+        pose = options.get("object_pose")
         self.world.reset(sample_object_pose(self.task, rng) if pose is None else pose)
-        for rule in self._rules.values():
-            rule.reset()
+        if get_task(self.task).cubes:
+            drawn = draw_goal(rng)
+            self.goal = options.get("goal", drawn)
+            self.task_description = draw_phrase(self.goal, self.options.instructions, rng)
+        self._begin()
         if self._mode is not None:
             self._mode.reset()
-        self._progress = make_progress(self.task)
         return self._observe(), self._info()
+
+    def _begin(self) -> None:
+        self._reward = make_reward(self.task, self.goal)
+        self._rules = {name: make_success_rule(name, self.task, self.goal) for name in SUCCESS_RULES}
+        self._progress = make_progress(self.task, self.goal)
 
     def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """Advance 20 ms towards the joint targets ``action`` (14,).

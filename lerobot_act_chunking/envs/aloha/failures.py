@@ -3,7 +3,8 @@
 from collections.abc import Collection, Mapping, Sequence
 from typing import Protocol
 
-from lerobot_act_chunking.envs.aloha.rewards import CUBE, PEG, PIN, SOCKET_WALLS, TABLE, Contacts
+from lerobot_act_chunking.envs.aloha.instructions import Goal
+from lerobot_act_chunking.envs.aloha.rewards import PEG, PIN, SOCKET_WALLS, TABLE, Contacts
 from lerobot_act_chunking.envs.aloha.success import FINGERS, SOCKET
 from lerobot_act_chunking.errors import unknown_choice
 
@@ -26,6 +27,11 @@ FAILURES: Mapping[str, tuple[str, ...]] = {
         "unsteady hold",  # it met the pin, but is not held as the success rule asks
     ),
     "transfer_modes": _HAND_OVER,
+    "language_transfer": (
+        "no contact",  # as above, but of the named cube and the arms that the direction names
+        "wrong cube",  # the named cube was never lifted, but another one was
+        *_HAND_OVER[1:],
+    ),
 }
 """The failures of each task, in the order of how far an episode got."""
 
@@ -36,6 +42,9 @@ break for up to 2 steps in demonstrations, and for up to 4 in episodes of traine
 LIFTED = 0.04
 """Height [m] over which the centre of an object that is held is lifted; at rest it is at 0.01 to 0.022. To be
 off the table is not enough: fingers that close on the socket may raise it by a millimetre for a second."""
+
+_FALLING = 0.06
+"""Height [m] that a cube only leaves upwards: episodes let it fall from 0.05."""
 
 _PALM = ("7_gripper", "8_gripper_prop", "9_gripper_bar")
 
@@ -52,15 +61,19 @@ class Progress(Protocol):
         ...
 
 
-def make_progress(task: str) -> Progress:
+def make_progress(task: str, goal: Goal = Goal()) -> Progress:  # noqa: B008 (it is frozen)
     """The progress of an episode that begins.
+
+    Args:
+        task: one of ``TASKS``.
+        goal: which cube is to be handed to which arm.
 
     Raises:
         ConfigurationError: unknown task.
     """
-    if task not in _PROGRESS:
-        raise unknown_choice("task", task, _PROGRESS)
-    return _PROGRESS[task]()
+    if task not in FAILURES:
+        raise unknown_choice("task", task, FAILURES)
+    return _Insertion() if task == "insertion" else _HandOver(goal)
 
 
 class Hold:
@@ -90,20 +103,26 @@ class Hold:
 
 
 class _HandOver:
-    def __init__(self) -> None:
-        self._right, self._left = Hold("right", (CUBE,)), Hold("left", (CUBE,))
+    def __init__(self, goal: Goal) -> None:
+        self._index = goal.index
+        self._giver, self._taker = (Hold(arm, (goal.geom,)) for arm in (goal.giver, goal.taker))
+        self._other_lifted = False
 
     def update(self, contacts: Contacts, heights: Sequence[float]) -> None:
-        for hold in (self._right, self._left):
-            hold.update(contacts, heights[0])
+        for hold in (self._giver, self._taker):
+            hold.update(contacts, heights[self._index])
+        others = (height for index, height in enumerate(heights) if index != self._index)
+        self._other_lifted = self._other_lifted or max(others, default=0.0) > _FALLING
 
     @property
     def failure(self) -> str:
-        if not (self._right.lifted or self._left.lifted):
-            return "missed grasp" if self._right.touched else "no contact"
-        if self._right.holds:
-            return "not released" if self._left.holds else "no hand-over"
-        return "unsteady hold" if self._left.holds else "dropped"
+        if not (self._giver.lifted or self._taker.lifted):
+            if self._other_lifted:
+                return "wrong cube"
+            return "missed grasp" if self._giver.touched else "no contact"
+        if self._giver.holds:
+            return "not released" if self._taker.holds else "no hand-over"
+        return "unsteady hold" if self._taker.holds else "dropped"
 
 
 class _Insertion:
@@ -136,8 +155,3 @@ def _pairs(some: Collection[str], others: Collection[str]) -> Contacts:
 
 
 _PEG_AND_WALLS, _PEG_AND_PIN = _pairs((PEG,), SOCKET_WALLS), _pairs((PEG,), (PIN,))
-_PROGRESS: Mapping[str, type[_HandOver] | type[_Insertion]] = {
-    "transfer_cube": _HandOver,
-    "insertion": _Insertion,
-    "transfer_modes": _HandOver,
-}

@@ -1,9 +1,11 @@
 """When an episode counts as a success: gym-aloha's touch, and a hold that a mere touch cannot satisfy."""
 
 from collections.abc import Callable
+from functools import partial
 
 from lerobot_act_chunking.envs.aloha import rewards
-from lerobot_act_chunking.envs.aloha.rewards import CUBE, PEG, PIN, SOCKET_WALLS, TABLE, Contacts
+from lerobot_act_chunking.envs.aloha.instructions import Goal
+from lerobot_act_chunking.envs.aloha.rewards import PEG, PIN, SOCKET_WALLS, TABLE, Contacts
 from lerobot_act_chunking.envs.aloha.tasks import get_task
 from lerobot_act_chunking.errors import unknown_choice
 
@@ -45,24 +47,63 @@ class SuccessRule:
         return self.succeeded
 
 
-def make_success_rule(name: str, task: str) -> SuccessRule:
+class HandOverRule(SuccessRule):
+    """Counts only once the giving arm has held the cube in the air: to pick it up is not to be handed it.
+
+    Args:
+        condition: what must hold of the touching geoms.
+        steps: for how many consecutive control steps.
+        goal: which cube is to be handed to which arm.
+    """
+
+    def __init__(self, condition: Callable[[Contacts], bool], steps: int, goal: Goal) -> None:
+        self._giving = Goal(goal.colour, goal.giver)
+        super().__init__(condition, steps)
+
+    def reset(self) -> None:
+        """Start a new episode."""
+        super().reset()
+        self._given = False
+
+    def update(self, contacts: Contacts) -> bool:
+        """Take in one control step's contacts; whether the episode has succeeded by now."""
+        self._given = self._given or cube_held(contacts, self._giving)
+        return super().update(contacts) if self._given else False
+
+
+def make_success_rule(name: str, task: str, goal: Goal = Goal()) -> SuccessRule:  # noqa: B008 (it is frozen)
     """The rule ``touch`` (gym-aloha's reward 4 at any step) or ``hold`` (see ``cube_held``, ``peg_held``).
+
+    Args:
+        name: of the rule.
+        task: one of ``TASKS``.
+        goal: which cube is to be handed to which arm.
 
     Raises:
         ConfigurationError: unknown rule or task.
     """
-    reward = get_task(task).reward
+    reward = make_reward(task, goal)
+    rule = partial(HandOverRule, goal=goal) if get_task(task).cubes else SuccessRule
     if name == "touch":
-        return SuccessRule(lambda contacts: reward(contacts) == rewards.MAX_REWARD, steps=1)
+        return rule(lambda contacts: reward(contacts) == rewards.MAX_REWARD, steps=1)
     if name == "hold":
-        return SuccessRule(peg_held if task == "insertion" else cube_held, steps=HOLD_STEPS)
+        held = peg_held if task == "insertion" else partial(cube_held, goal=goal)
+        return rule(held, steps=HOLD_STEPS)
     raise unknown_choice("success rule", name, SUCCESS_RULES)
 
 
-def cube_held(contacts: Contacts) -> bool:
-    """The left fingers hold the cube and nothing but the left arm touches it, so it is off the table."""
-    geoms = touching(contacts, {CUBE})
-    return bool(geoms & FINGERS["left"]) and all(geom.startswith("vx300s_left/") for geom in geoms)
+def make_reward(task: str, goal: Goal = Goal()) -> Callable[[Contacts], int]:  # noqa: B008 (it is frozen)
+    """gym-aloha's reward of a task, 0 .. 4, for the cube and the arm of ``goal`` if it has several."""
+    reward = get_task(task).reward
+    return partial(reward, goal=goal) if get_task(task).cubes else reward
+
+
+def cube_held(contacts: Contacts, goal: Goal = Goal()) -> bool:  # noqa: B008 (it is frozen)
+    """The taking fingers hold the cube and nothing but their arm touches it, so it is off the table."""
+    geoms = touching(contacts, {goal.geom})
+    return bool(geoms & FINGERS[goal.taker]) and all(
+        geom.startswith(f"vx300s_{goal.taker}/") for geom in geoms
+    )
 
 
 def peg_held(contacts: Contacts) -> bool:

@@ -9,6 +9,7 @@ from typing import Any, cast
 import numpy as np
 
 from lerobot_act_chunking.envs.aloha import rewards
+from lerobot_act_chunking.envs.aloha.instructions import COLOURS
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
 
 _ARM_JOINTS = ("waist", "shoulder", "elbow", "forearm_roll", "wrist_angle", "wrist_rotate", "gripper")
@@ -29,7 +30,9 @@ class Task:
     instruction: str
     start_boxes: tuple[tuple[tuple[float, float, float], tuple[float, float, float]], ...]
     """One (low xyz, high xyz) box [m] per object, in the order of the model's free joints."""
-    reward: Callable[[rewards.Contacts], int]
+    reward: Callable[..., int]  # of the touching geoms, and of the goal where there are several cubes
+    cubes: tuple[str, ...] = ()
+    """Colours of the cubes, where there are several: they take the start boxes in random order."""
     hand_overs: tuple[tuple[float, float, float], ...] = ()
     """Where the cube changes hands [m], one place for each of several equally valid ways; none: anywhere."""
 
@@ -61,6 +64,13 @@ _TASKS = {
     # Low on the left, low on the right, high between: equally far apart, so that none is a mean of others.
     "transfer_modes": replace(
         _TRANSFER_CUBE, hand_overs=((-0.085, 0.5, 0.23), (0.085, 0.5, 0.23), (0.0, 0.5, 0.377))
+    ),
+    # In the middle, where both arms reach, and far enough apart for a gripper between them.
+    "language_transfer": replace(
+        _TRANSFER_CUBE,
+        instruction="Hand the named cube to the named arm.",
+        start_boxes=tuple(((-0.04, y - 0.02, 0.05), (0.04, y + 0.02, 0.05)) for y in (0.37, 0.5, 0.63)),
+        cubes=COLOURS,
     ),
 }
 
@@ -94,12 +104,15 @@ def sample_object_pose(task: str, rng: np.random.Generator) -> np.ndarray:
     """Draw the objects' start poses, uniform over gym-aloha's ranges.
 
     Returns:
-        (7,) for transfer_cube, (14,) for insertion: x y z [m] and quaternion qw qx qy qz per object.
+        (7,) for transfer_cube, (14,) for insertion, (21,) for language_transfer: x y z [m] and quaternion
+        qw qx qy qz per object.
 
     Raises:
         ConfigurationError: unknown task.
     """
     boxes = get_task(task).start_boxes
+    if get_task(task).cubes:
+        boxes = [boxes[place] for place in rng.permutation(len(boxes))]
     return np.concatenate([np.concatenate([rng.uniform(low, high), _UPRIGHT]) for low, high in boxes])
 
 

@@ -5,7 +5,7 @@
 import mujoco
 import numpy as np
 
-from lerobot_act_chunking.envs.aloha.rewards import Contacts
+from lerobot_act_chunking.envs.aloha.rewards import CUBE, Contacts
 from lerobot_act_chunking.envs.aloha.tasks import (
     JOINT_NAMES,
     TASKS,
@@ -28,6 +28,8 @@ _FINGER_SPAN = 0.05800 - _FINGER_CLOSED
 # Where each of the 14 named joints sits among the 16: the second finger mirrors the first and is left out.
 _NAMED = np.array([0, 1, 2, 3, 4, 5, 6, 8, 9, 10, 11, 12, 13, 14])
 _GRIPPERS = np.array([6, 13])  # among the 14
+_SHAPE = ("type", "size", "condim", "solimp", "solref", "friction")
+_RGBA = {"green": (0, 0.6, 0, 1), "blue": (0, 0, 1, 1)}
 
 
 class AlohaWorld:
@@ -43,7 +45,7 @@ class AlohaWorld:
     def __init__(self, task: str) -> None:
         self.task = task
         self._task = get_task(task)
-        self.model = mujoco.MjModel.from_xml_path(str(mjcf_path(task)))
+        self.model = _model(task)
         self.data = mujoco.MjData(self.model)
         self._geom_names = [self.model.geom(i).name for i in range(self.model.ngeom)]
         self._substeps = round(CONTROL_PERIOD / self.model.opt.timestep)
@@ -53,7 +55,7 @@ class AlohaWorld:
         """Place the arms in their start pose and the objects at ``object_pose``.
 
         Args:
-            object_pose: (7,) or (14,), x y z [m] and unit quaternion qw qx qy qz per object.
+            object_pose: (7,), (14,) or (21,), x y z [m] and unit quaternion qw qx qy qz per object.
 
         Raises:
             ConfigurationError: wrong shape, not finite, or a quaternion that is not of unit length.
@@ -98,7 +100,7 @@ class AlohaWorld:
         return velocities
 
     def environment_state(self) -> np.ndarray:
-        """Object poses (7,) or (14,) float64: x y z [m], qw qx qy qz per object."""
+        """Object poses (7,), (14,) or (21,) float64: x y z [m], qw qx qy qz per object."""
         return self.data.qpos[_ROBOT_SIZE:].copy()
 
     def heights(self) -> list[float]:
@@ -153,3 +155,24 @@ class AlohaWorld:
 
     def _warning_names(self) -> str:
         return ", ".join(mujoco.mjtWarning(i).name for i in np.flatnonzero(self._warnings))
+
+
+def _model(task: str) -> mujoco.MjModel:
+    """gym-aloha's model of the task; of several cubes, all are like its own."""
+    path, cubes = str(mjcf_path(task)), get_task(task).cubes
+    if not cubes:
+        return mujoco.MjModel.from_xml_path(path)
+    spec = mujoco.MjSpec.from_file(path)
+    for key in list(spec.keys):  # of one cube
+        spec.delete(key)
+    original = spec.geom(CUBE)
+    for colour in cubes[1:]:
+        body = spec.worldbody.add_body(name=f"{colour}_cube")
+        body.add_freejoint(name=f"{colour}_box_joint")
+        body.explicitinertial, body.mass, body.inertia = True, original.parent.mass, original.parent.inertia
+        shape = {name: getattr(original, name) for name in _SHAPE}
+        body.add_geom(name=f"{colour}_box", rgba=_RGBA[colour], **shape)
+    for joint in spec.joints:
+        if joint.name.endswith("_box_joint"):
+            joint.frictionloss = spec.joint("red_box_joint").frictionloss
+    return spec.compile()

@@ -19,6 +19,7 @@ from lerobot_act_chunking.nn.velocity import FiniteDifferences
 from lerobot_act_chunking.nn.vision import make_backbone
 from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
 from lerobot_act_chunking.policies.act_chunked.network import ActNetwork
+from lerobot_act_chunking.policies.language.make import make_instruction
 
 
 def build_network(config: ActChunkedConfig, backbone_weights: str | None) -> ActNetwork:
@@ -51,6 +52,7 @@ def build_network(config: ActChunkedConfig, backbone_weights: str | None) -> Act
         prefix_encoder=PrefixEncoder(config.prefix_predictions, action_dim, config.dim_model)
         if config.prefix_steps
         else None,
+        instruction=make_instruction(config),
     )
 
 

@@ -10,12 +10,14 @@ from torch import Tensor, nn
 from lerobot_act_chunking.data.batch import ActionTarget, Observation
 from lerobot_act_chunking.heads.action_head import ActionHead
 from lerobot_act_chunking.nn.autoregressive import AutoregressiveDecoder
+from lerobot_act_chunking.nn.instruction import InstructionEmbedding
 from lerobot_act_chunking.nn.latents.latent import Latent, Posterior
 from lerobot_act_chunking.nn.masking import PadNormalization
 from lerobot_act_chunking.nn.observation import ObservationEncoder
 from lerobot_act_chunking.nn.prefix import GivenActions, PrefixEncoder
 from lerobot_act_chunking.nn.style_encoder import StyleEncoder
 from lerobot_act_chunking.nn.transformer import Decoder, Encoder
+from lerobot_act_chunking.policies.language.fields import INSTRUCTION
 
 
 class EncodedObservation(NamedTuple):
@@ -24,7 +26,7 @@ class EncodedObservation(NamedTuple):
     Attributes:
         tokens: observations (B, N, D).
         positions: of the tokens (N, D).
-        prefix: the chunk's given first actions (B, D); None if it has to continue nothing.
+        prefix: what the chunk has to continue and what the policy is told (B, D); None if neither.
     """
 
     tokens: Tensor
@@ -63,7 +65,8 @@ class TrainingBatch:
 class ActNetwork(nn.Module):
     """An encoder over one style token and all observation tokens, a decoder from action queries to actions.
 
-    The style token is a learned vector; a latent's embedding and that of given first actions are added to it.
+    The style token is a learned vector; a latent's embedding, that of given first actions and that of an
+    instruction are added to it. A token of its own for the instruction would cost a fifth more for a chunk.
     """
 
     def __init__(
@@ -77,6 +80,7 @@ class ActNetwork(nn.Module):
         head: ActionHead,
         prefix_encoder: PrefixEncoder | None,
         dim: int,
+        instruction: InstructionEmbedding | None = None,
     ):
         super().__init__()
         self.observation_encoder = observation_encoder
@@ -88,12 +92,17 @@ class ActNetwork(nn.Module):
         self.decoder = decoder
         self.head = head
         self.prefix_encoder = prefix_encoder
+        self.instruction = instruction
+        self.told = None if instruction is None else nn.Linear(instruction.reader.dim, dim)
 
     def encode_observation(
         self, window: Observation, given: GivenActions | None = None
     ) -> EncodedObservation:
         """Tokens of observations (B, H, ...), and the first actions that the chunk has to continue."""
         prefix = None if given is None or self.prefix_encoder is None else self.prefix_encoder(given)
+        if self.told is not None:
+            told = self.told(window.vectors[INSTRUCTION][:, -1])
+            prefix = told if prefix is None else prefix + told
         tokens, positions = self.observation_encoder(window.vectors, window.images)
         return EncodedObservation(tokens, positions, prefix)
 

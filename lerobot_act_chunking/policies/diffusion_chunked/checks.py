@@ -155,8 +155,13 @@ def _check_guidance(config: "DiffusionChunkedConfig") -> None:
             f"condition_dropout={config.condition_dropout} leaves out guidance_features, but none are named: "
             "set condition_dropout=0, or name them"
         )
-    if config.guidance_scale != 1 and not config.condition_dropout:
+    if config.condition_dropout and config.language_dropout not in (0, config.condition_dropout):
         raise ConfigurationError(
-            f"guidance_scale={config.guidance_scale} needs a policy trained with condition_dropout > 0: set "
-            "guidance_scale=1"
+            f"condition_dropout={config.condition_dropout} and language_dropout={config.language_dropout} "
+            "differ, but guidance leaves out both at once: set them to the same"
+        )
+    if config.guidance_scale != 1 and not config.dropout_of_left_out:
+        raise ConfigurationError(
+            f"guidance_scale={config.guidance_scale} needs a policy trained with condition_dropout > 0 (or "
+            "language_dropout > 0): set guidance_scale=1"
         )

@@ -16,6 +16,7 @@ from lerobot_act_chunking.policies.choices import one_of
 from lerobot_act_chunking.policies.chunked_config import PRESET, ChunkedConfig
 from lerobot_act_chunking.policies.diffusion_chunked.checks import check
 from lerobot_act_chunking.policies.diffusion_chunked.presets import PRESETS, preset_values
+from lerobot_act_chunking.policies.language.fields import INSTRUCTION
 from lerobot_act_chunking.sampling.continuation import Jacobian, PrefixSchedule
 from lerobot_act_chunking.sampling.process import BETA_SCHEDULES, PROCESSES, TIME_DISTRIBUTIONS
 from lerobot_act_chunking.sampling.samplers import CLIP_MODES, SAMPLERS, Spacing
@@ -92,7 +93,8 @@ class DiffusionChunkedConfig(ChunkedConfig):
         sdedit_strength: fraction of the noise that the plan gets with ``sdedit``.
         rtc_config: settings of real-time chunking that ``lerobot-rollout`` passes; they win over the fields
             of ``rtc``.
-        guidance_features: inputs that guidance may leave out, such as a goal or an instruction.
+        guidance_features: inputs that guidance may leave out, such as a goal; the instruction is one of them
+            with ``language_dropout``.
         condition_dropout: how often training leaves out the ``guidance_features``.
         guidance_scale: w in ``x_without + w * (x_with - x_without)`` (classifier-free guidance, Ho and
             Salimans 2022); 1 is off.
@@ -209,6 +211,21 @@ class DiffusionChunkedConfig(ChunkedConfig):
             "two_step": (),
         }
         return {name: getattr(self, name) for name in ("prediction_type", *own[self.objective])}
+
+    @property
+    def instruction_dropout(self) -> float:
+        """None by itself: guidance has to leave out the instruction with its other features."""
+        return 0.0
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """What guidance may leave out: the ``guidance_features``, and the instruction if training does."""
+        return (*self.guidance_features, *((INSTRUCTION,) if self.language_dropout else ()))
+
+    @property
+    def dropout_of_left_out(self) -> float:
+        """How often training leaves it out, all together."""
+        return self.condition_dropout or self.language_dropout
 
     def validate_features(self) -> None:
         """Check the inputs and outputs that LeRobot filled in from the dataset or the environment.

@@ -7,32 +7,44 @@ from lerobot_act_chunking.nn.denoisers.denoiser import Denoiser
 from lerobot_act_chunking.nn.denoisers.make import DENOISERS, make_denoiser
 from lerobot_act_chunking.nn.denoisers.spec import DenoiserInputs, DenoiserSpec
 from lerobot_act_chunking.nn.denoisers.time import StepEmbedding, UnitTimeEmbedding
+from lerobot_act_chunking.nn.instruction import InstructionEmbedding
 from lerobot_act_chunking.nn.observation import CameraTokens
 from lerobot_act_chunking.nn.vision import make_backbone
 from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked import (
     DiffusionChunkedConfig,
 )
+from lerobot_act_chunking.policies.language.make import instruction_dims, make_instruction
 
 
 class DiffusionNetwork(nn.Module):
     """Two parts that are called apart: the observation once per chunk, the denoiser once per step."""
 
-    def __init__(self, condition: ConditionVector | ConditionTokens, denoiser: Denoiser):
+    def __init__(
+        self,
+        condition: ConditionVector | ConditionTokens,
+        denoiser: Denoiser,
+        instruction: InstructionEmbedding | None = None,
+    ):
         super().__init__()
         self.condition = condition
         self.denoiser = denoiser
+        self.instruction = instruction
 
 
 def build_network(config: DiffusionChunkedConfig, backbone_weights: str | None) -> DiffusionNetwork:
     """The network that ``config`` describes."""
-    condition = _condition(config, backbone_weights)
-    return DiffusionNetwork(condition, _denoiser(config, condition))
+    instruction = make_instruction(config)
+    condition = _condition(config, backbone_weights, instruction_dims(instruction))
+    return DiffusionNetwork(condition, _denoiser(config, condition), instruction)
 
 
-def _condition(config: DiffusionChunkedConfig, weights: str | None) -> ConditionVector | ConditionTokens:
+def _condition(
+    config: DiffusionChunkedConfig, weights: str | None, told: dict[str, int]
+) -> ConditionVector | ConditionTokens:
+    """Reads what is observed, and vectors of what the policy is told."""
     features = config.feature_spec
-    dims = {key: dim for key, (dim,) in features.vectors.items()}
-    dropped = tuple(config.guidance_features)
+    dims = {key: dim for key, (dim,) in features.vectors.items()} | told
+    dropped = config.left_out
     backbone = (
         make_backbone(config.vision_backbone, config.backbone_norm, weights) if features.images else None
     )

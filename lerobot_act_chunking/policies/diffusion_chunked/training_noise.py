@@ -21,7 +21,7 @@ class Draws:
         time: noise levels.
         noise: mixed into the actions.
         prefix: actions that the network is given as they are; None without prefix conditioning.
-        drop: samples whose ``guidance_features`` are left out; None without guidance.
+        drop: samples of which is left out what guidance may leave out; None without guidance.
     """
 
     time: Float[Tensor, " B"]
@@ -45,7 +45,7 @@ class TrainingNoise(BatchSeeds):
             time=self.process.draw_times(len(actions), actions, generator),
             noise=torch.randn(actions.shape, generator=generator, device=actions.device, dtype=actions.dtype),
             prefix=self._prefix(actions, generator) if self.config.prefix_steps else None,
-            drop=self._drop(actions, generator) if self.config.condition_dropout else None,
+            drop=self._drop(actions, generator) if self.config.dropout_of_left_out else None,
         )
 
     def _prefix(self, actions: Float[Tensor, "B T A"], generator: torch.Generator) -> Bool[Tensor, "B T"]:
@@ -56,8 +56,8 @@ class TrainingNoise(BatchSeeds):
         return steps < n_tokens * self.config.actions_per_token
 
     def _drop(self, actions: Float[Tensor, "B T A"], generator: torch.Generator) -> Bool[Tensor, " B"] | None:
-        """A share ``condition_dropout`` of the samples; none in evaluation."""
+        """A share ``condition_dropout`` or ``language_dropout`` of the samples; none in evaluation."""
         if not self.training:
             return None
         drawn = torch.rand(len(actions), generator=generator, device=actions.device)
-        return drawn < self.config.condition_dropout
+        return drawn < self.config.dropout_of_left_out

@@ -16,8 +16,10 @@ from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.heads.action_head import at_least_single
 from lerobot_act_chunking.policies import late_chunks
 from lerobot_act_chunking.policies.acting import acting
-from lerobot_act_chunking.policies.chunked_policy import ChunkedPolicy, indices
+from lerobot_act_chunking.policies.chunked_policy import ChunkedPolicy
 from lerobot_act_chunking.policies.continuing import continue_chunk, to_continue
+from lerobot_act_chunking.policies.environments import indices
+from lerobot_act_chunking.policies.language.watch import InstructionWatch
 from lerobot_act_chunking.policies.limits import ActsWithinLimits
 from lerobot_act_chunking.policies.model_card import WithModelCard
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
@@ -128,6 +130,9 @@ class TemporalEnsemblePolicy(ActsWithinLimits, WithModelCard, PreTrainedPolicy):
         """The normalised action (B, A) of this control step. Call `reset` at the start of each rollout."""
         self._observations.observe(batch)
         batch_size = self._observations.batch_size(batch)
+        changed = self._instructions.changed(batch)
+        if changed is not None:  # what waits was meant for another instruction
+            self._action_queue.clear(changed)
         action = self._action_queue.advance(lambda envs, _: self._prepare(batch, envs), batch_size)
         return self.within_limits(action)
 
@@ -170,6 +175,7 @@ class TemporalEnsemblePolicy(ActsWithinLimits, WithModelCard, PreTrainedPolicy):
         """
         if envs is None:
             self._observations.reset()
+            self._instructions = InstructionWatch()
             if hasattr(self, "_action_queue"):
                 self._action_queue.reset()  # waits for a chunk that is being computed
             # LeRobot and its tools look for a queue under this name to learn when the next inference is due.

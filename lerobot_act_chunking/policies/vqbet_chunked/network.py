@@ -10,8 +10,11 @@ from lerobot_act_chunking.heads.offsets import ConditionedOffset, TableOffset
 from lerobot_act_chunking.nn.condition import CameraKeypoints
 from lerobot_act_chunking.nn.gpt import Gpt
 from lerobot_act_chunking.nn.history import HistoryTokens
+from lerobot_act_chunking.nn.instruction import InstructionEmbedding
 from lerobot_act_chunking.nn.prefix import GivenActions, PrefixEncoder
 from lerobot_act_chunking.nn.vision import make_backbone
+from lerobot_act_chunking.policies.language.fields import INSTRUCTION
+from lerobot_act_chunking.policies.language.make import make_instruction
 from lerobot_act_chunking.policies.prefix import prefix_predictions
 from lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked import VqbetChunkedConfig
 from lerobot_act_chunking.tokenizers.tokenizer import ActionTokenizer
@@ -23,7 +26,7 @@ class VqbetNetwork(nn.Module):
     The sequence is ``o_1 q o_2 q ... o_H q q q``: a query sees the observations up to its step. All queries
     are the same learned vector and differ by their positions. Where queries stand follows from the tokens
     that there are (LeRobot counts features instead and reads the wrong tokens if there is a third one). Given
-    first actions are added to the current step's query.
+    first actions are added to the current step's query, an instruction to all of them.
     """
 
     def __init__(
@@ -34,6 +37,7 @@ class VqbetNetwork(nn.Module):
         code_head: CodeHead,
         offset_head: ConditionedOffset | TableOffset,
         prefix_encoder: PrefixEncoder | None,
+        instruction: InstructionEmbedding | None = None,
     ):
         super().__init__()
         self.history = history
@@ -42,6 +46,8 @@ class VqbetNetwork(nn.Module):
         self.code_head = code_head
         self.offset_head = offset_head
         self.prefix_encoder = prefix_encoder
+        self.instruction = instruction
+        self.told = None if instruction is None else nn.Linear(instruction.reader.dim, gpt.dim)
 
     def forward(
         self, window: Observation, n_future: int, given: GivenActions | None = None
@@ -49,7 +55,7 @@ class VqbetNetwork(nn.Module):
         """Features of the queries of all observations and of ``n_future`` more."""
         steps = self._steps(window, given)
         n_steps, n_tokens = steps.shape[1:3]
-        future = self.query.expand(len(steps), n_future, -1)
+        future = self._query(window).expand(-1, n_future, -1)
         features = self.gpt(torch.cat((steps.flatten(1, 2), future), dim=1))
         past = features[:, : n_steps * n_tokens].unflatten(1, (n_steps, n_tokens))[:, :, -1]
         return torch.cat((past, features[:, n_steps * n_tokens :]), dim=1)
@@ -61,11 +67,17 @@ class VqbetNetwork(nn.Module):
     def _steps(self, window: Observation, given: GivenActions | None) -> Float[Tensor, "B H n D"]:
         """Tokens of each step with its query behind them."""
         tokens = self.history(window.vectors, window.images)
-        queries = self.query.expand(*tokens.shape[:2], 1, -1)
+        queries = self._query(window)[:, None].expand(-1, tokens.shape[1], -1, -1)
         if given is not None and self.prefix_encoder is not None:
             continuing = queries[:, -1:] + self.prefix_encoder(given)[:, None, None]
             queries = torch.cat((queries[:, :-1], continuing), dim=1)
         return torch.cat((tokens, queries), dim=2)
+
+    def _query(self, window: Observation) -> Float[Tensor, "B 1 D"]:
+        """The query that asks for what the policy is told."""
+        if self.told is None:
+            return self.query.expand(window.batch_size, 1, -1)
+        return self.query + self.told(window.vectors[INSTRUCTION][:, -1:])
 
     def actions(
         self, features: Float[Tensor, "N D"], codes: Int64[Tensor, "N G"], tokenizer: ActionTokenizer
@@ -102,6 +114,7 @@ def build_network(
         prefix_encoder=PrefixEncoder(prefix_predictions(config), action_dim, dim)
         if config.prefix_steps
         else None,
+        instruction=make_instruction(config),
     )
 
 

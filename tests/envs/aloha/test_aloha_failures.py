@@ -128,7 +128,7 @@ def test_planted_defects_are_called_by_their_names(make, task, rule, label, defe
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", [each for each in TASKS if each != "language_transfer"])  # as transfer_cube
 @pytest.mark.parametrize("rule", ["touch", "hold"])
 def test_an_expert_passes_the_stages_in_order_and_ends_without_a_failure(make, task, rule, seed):
     env = make(task=task, success=rule)

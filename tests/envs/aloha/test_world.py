@@ -14,8 +14,13 @@ from lerobot_act_chunking.envs.aloha.world import (
 )
 from lerobot_act_chunking.errors import ActChunkingError, ConfigurationError, FeatureError
 
-POSE_SIZES = {"transfer_cube": 7, "insertion": 14, "transfer_modes": 7}
+POSE_SIZES = {"transfer_cube": 7, "insertion": 14, "transfer_modes": 7, "language_transfer": 21}
 UPRIGHT = [0.1, 0.5, 0.05, 1.0, 0.0, 0.0, 0.0]
+
+RANGES = {  # of x and y, where they are not those of transfer_cube
+    "insertion": ([[0.1, 0.4], [-0.2, 0.4]], [[0.2, 0.6], [-0.1, 0.6]]),
+    "language_transfer": ([[-0.04, 0.35]] * 3, [[0.04, 0.65]] * 3),
+}
 
 
 @pytest.fixture(scope="module", params=TASKS)
@@ -103,8 +108,7 @@ def test_action_limits_are_the_actuators(world):
 def test_poses_fill_gym_alohas_ranges(task):
     rng = np.random.default_rng(0)
     poses = np.stack([sample_object_pose(task, rng) for _ in range(400)]).reshape(400, -1, 7)
-    low = [[0.1, 0.4], [-0.2, 0.4]] if task == "insertion" else [[0.0, 0.4]]
-    high = [[0.2, 0.6], [-0.1, 0.6]] if task == "insertion" else [[0.2, 0.6]]
+    low, high = RANGES.get(task, ([[0.0, 0.4]], [[0.2, 0.6]]))
     assert poses[..., :2].min(axis=0) == pytest.approx(np.array(low), abs=0.005)
     assert poses[..., :2].max(axis=0) == pytest.approx(np.array(high), abs=0.005)
     assert (poses[..., 2] == 0.05).all()

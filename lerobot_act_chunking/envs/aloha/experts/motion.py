@@ -6,6 +6,7 @@ import numpy as np
 
 from lerobot_act_chunking.envs.strokes import ArmScript, delayed, miss_grasp
 
+_CENTRE_Y = 0.5  # [m] of the cell; both arms stand on this line
 _MISSED_BY = 0.06  # height [m] above the object at which fingers close that miss it
 _RETRY = 1.2  # [s] from a missed grasp to the next
 _HEAD_START = 1.85  # [s] by which one arm begins before the other: until it has grasped
@@ -76,6 +77,26 @@ def one_arm_after_the_other(script: Script) -> Script:
     waiting = delayed(script.waiting, _HEAD_START, -np.inf)
     arms = {script.leading_arm: leading, script.waiting_arm: waiting}
     return _delayed(script, arms, _HEAD_START, _MEETING)
+
+
+def turned_pose(pose: np.ndarray) -> np.ndarray:
+    """Where an object is (7,) in the cell turned by half, in which each arm stands in the other's place."""
+    x, y = pose[:2]
+    return np.array([-x, 2 * _CENTRE_Y - y, *pose[2:]])
+
+
+def turned(script: Script) -> Script:
+    """The script in the turned cell: the arms change their parts."""
+
+    def arm(of: ArmScript) -> ArmScript:
+        return replace(of, tool=tuple(replace(each, target=_turned(each.target)) for each in of.tool))
+
+    return replace(script, left=arm(script.right), right=arm(script.left), leading_arm=script.waiting_arm)
+
+
+def _turned(target: tuple[float, ...]) -> tuple[float, ...]:
+    x, y, *rest = target
+    return (-x, 2 * _CENTRE_Y - y, *rest)
 
 
 def _delayed(script: Script, arms: dict[str, ArmScript], delay: float, after: float) -> Script:

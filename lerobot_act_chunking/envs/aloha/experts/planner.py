@@ -10,7 +10,10 @@ from lerobot_act_chunking.envs.aloha.experts.motion import (
     Script,
     miss_first_grasp,
     one_arm_after_the_other,
+    turned,
+    turned_pose,
 )
+from lerobot_act_chunking.envs.aloha.instructions import Goal
 from lerobot_act_chunking.envs.aloha.tasks import get_task
 from lerobot_act_chunking.envs.aloha.world import CONTROL_PERIOD
 from lerobot_act_chunking.envs.demonstration import ExpertOptions, Ranges
@@ -32,11 +35,13 @@ _SCRIPTS: dict[str, Callable[..., Script]] = {
     "transfer_cube": transfer_cube.script,
     "insertion": insertion.script,
     "transfer_modes": transfer_cube.script,
+    "language_transfer": transfer_cube.script,
 }
 _STEPWISE: dict[str, Callable[..., Script]] = {
     "transfer_cube": stepwise.transfer_cube,
     "insertion": stepwise.insertion,
     "transfer_modes": stepwise.transfer_cube,
+    "language_transfer": stepwise.transfer_cube,
 }
 _HOME_GRIPPER = (0.09985,)  # gym-aloha starts with all but closed fingers
 _ARM_JOINTS = [*range(6), *range(7, 13)]
@@ -67,17 +72,24 @@ RANGES: Ranges = {
 
 
 def plan(
-    task: str, object_pose: np.ndarray, options: ExpertOptions, rng: np.random.Generator, *, mode: int = 0
+    task: str,
+    object_pose: np.ndarray,
+    options: ExpertOptions,
+    rng: np.random.Generator,
+    *,
+    mode: int = 0,
+    goal: Goal = Goal(),  # noqa: B008 (it is frozen)
 ) -> ExpertPlan:
     """Plan one episode.
 
     Args:
         task: one of ``TASKS``.
-        object_pose: (7,) or (14,), x y z [m] and quaternion qw qx qy qz per object, unturned as gym-aloha
-            places them.
+        object_pose: (7,), (14,) or (21,), x y z [m] and quaternion qw qx qy qz per object, unturned as
+            gym-aloha places them.
         options: pace, noise and pauses.
         rng: source of the noise; a noise-free plan draws nothing from it.
         mode: which of the task's ways of doing it.
+        goal: which cube is to be handed to which arm.
 
     Returns:
         The joint targets, 50 per second. Without noise they are a smooth function of ``object_pose``.
@@ -88,7 +100,7 @@ def plan(
     """
     options.check(RANGES)
     pose = _checked_pose(task, object_pose)
-    script = _script(task, pose, mode, _STEPWISE if options.stepwise else _SCRIPTS)
+    script = _script(task, pose, mode, _STEPWISE if options.stepwise else _SCRIPTS, goal)
     if options.missed_grasps:
         script = miss_first_grasp(script)
     if options.one_arm_first:
@@ -103,10 +115,15 @@ def plan(
     return ExpertPlan(actions, commands)
 
 
-def _script(task: str, pose: np.ndarray, mode: int, scripts: dict[str, Callable[..., Script]]) -> Script:
+def _script(
+    task: str, pose: np.ndarray, mode: int, scripts: dict[str, Callable[..., Script]], goal: Goal
+) -> Script:
     ways = get_task(task)
     if not 0 <= mode < ways.modes:
         raise unknown_choice(f"mode of {task}", mode, map(str, range(ways.modes)))
+    if ways.cubes:
+        cube = pose[7 * goal.index :][:7]
+        return scripts[task](cube) if goal.taker == "left" else turned(scripts[task](turned_pose(cube)))
     return scripts[task](pose, ways.hand_overs[mode]) if ways.hand_overs else scripts[task](pose)
 
 

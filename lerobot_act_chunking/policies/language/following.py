@@ -1,0 +1,95 @@
+"""What policies that follow instructions have in common."""
+
+from collections.abc import Callable
+from typing import Any
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from lerobot_act_chunking.data.batch import Observation
+from lerobot_act_chunking.execution.executor import ChunkExecutor
+from lerobot_act_chunking.execution.timeline import Environments
+from lerobot_act_chunking.nn.instruction import InstructionEmbedding
+from lerobot_act_chunking.policies.batch_seeds import BatchSeeds
+from lerobot_act_chunking.policies.language.fields import INSTRUCTION
+from lerobot_act_chunking.policies.language.listener import Listener
+from lerobot_act_chunking.policies.language.watch import InstructionWatch
+
+Batch = dict[str, Any]
+
+
+class FollowsInstructions:
+    """What `ChunkedPolicy` does about instructions, if it reads any.
+
+    They are no part of the observed history: a new one counts for all observed steps at once, and for the
+    actions that already wait to be executed.
+
+    Attributes:
+        listener: None where the policy reads no instructions.
+        instruction_seeds: of what training leaves out.
+    """
+
+    config: Any
+    model: Any
+    training: bool
+    _network: Any
+    _action_queue: ChunkExecutor
+    _instructions: InstructionWatch
+    listener: Listener | None
+    instruction_seeds: BatchSeeds | None
+
+    def _begin_to_listen(self, meta: Any | None) -> None:
+        """Load the sentence encoder, if there is one; see `Listener`."""
+        config, trained_on = self.config, None if meta is None or meta.episodes is None else meta
+        self.listener = None if config.language_encoder is None else Listener(config, trained_on)
+        self.instruction_seeds = BatchSeeds() if config.instruction_dropout else None
+
+    def _forget_instructions(self) -> None:
+        """Another rollout begins."""
+        self._instructions = InstructionWatch()
+
+    def _read_all_instructions(self) -> None:
+        """Show the reader what the training will say."""
+        if self.listener is not None and self.listener.tasks:
+            embedding: Any = self.model.instruction
+            heard = self.listener.of_training()
+            embedding.reader.fit(heard.states, heard.mask)
+
+    def _drop_what_was_asked_before(self, batch: Batch) -> None:
+        """Where the instruction is another one than in the last step, nothing waits any more."""
+        changed = None if self.listener is None else self._instructions.changed(batch)
+        if changed is not None:
+            self._action_queue.clear(changed)
+
+    def _taught(self, window: Observation, batch: Batch) -> Observation:
+        """The observations to learn from, with the instructions of the batch, of which some are left out."""
+        drop = None
+        if self.training and self.instruction_seeds is not None:
+            device = next(self.model.parameters()).device
+            generator = self.instruction_seeds.next_generator(device)
+            drawn = torch.rand(window.batch_size, generator=generator, device=device)
+            drop = drawn < self.config.instruction_dropout
+        return self._with(window, batch, lambda said: said, drop)
+
+    def _instructed(self, window: Observation, batch: Batch, envs: Environments = None) -> Observation:
+        """The observations of these environments to act on, with the instructions of the batch."""
+        if envs is None:
+            return self._with(window, batch, lambda said: said)
+        return self._with(window, batch, lambda said: said[envs.to(said.device)])
+
+    def _with(
+        self,
+        window: Observation,
+        batch: Batch,
+        chosen: Callable[[Float[Tensor, "B V"]], Float[Tensor, "n V"]],
+        drop: Bool[Tensor, " B"] | None = None,
+    ) -> Observation:
+        if self.listener is None:
+            return window
+        embedding: InstructionEmbedding = self._network.instruction
+        said = chosen(embedding(*self.listener.hear(batch, acting=not self.training), drop))
+        if len(said) != window.batch_size:
+            raise self.listener.wrong_number(len(said), window.batch_size)
+        told = said[:, None].expand(-1, self.config.n_obs_steps, -1)
+        return Observation(vectors=window.vectors | {INSTRUCTION: told}, images=window.images)
