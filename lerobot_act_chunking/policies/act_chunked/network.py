@@ -10,6 +10,8 @@ from torch import Tensor, nn
 from lerobot_act_chunking.data.batch import ActionTarget, Observation
 from lerobot_act_chunking.heads.action_head import ActionHead
 from lerobot_act_chunking.nn.autoregressive import AutoregressiveDecoder
+from lerobot_act_chunking.nn.language.encoder import TextEncoder
+from lerobot_act_chunking.nn.language.text import Text
 from lerobot_act_chunking.nn.latents.latent import Latent, Posterior
 from lerobot_act_chunking.nn.masking import PadNormalization
 from lerobot_act_chunking.nn.observation import ObservationEncoder
@@ -25,18 +27,21 @@ class EncodedObservation(NamedTuple):
         tokens: observations (B, N, D).
         positions: of the tokens (N, D).
         prefix: the chunk's given first actions (B, D); None if it has to continue nothing.
+        text: the instruction; None for a policy that reads none.
     """
 
     tokens: Tensor
     positions: Tensor
     prefix: Tensor | None = None
+    text: Text | None = None
 
     def repeat(self, n_samples: int) -> "EncodedObservation":
         """The same ``n_samples`` times, one copy behind the other."""
         if n_samples == 1:
             return self
         prefix = None if self.prefix is None else self.prefix.repeat(n_samples, 1)
-        return EncodedObservation(self.tokens.repeat(n_samples, 1, 1), self.positions, prefix)
+        text = self.text and self.text.repeat(n_samples)
+        return EncodedObservation(self.tokens.repeat(n_samples, 1, 1), self.positions, prefix, text)
 
 
 @dataclass(frozen=True)
@@ -64,6 +69,7 @@ class ActNetwork(nn.Module):
     """An encoder over one style token and all observation tokens, a decoder from action queries to actions.
 
     The style token is a learned vector; a latent's embedding and that of given first actions are added to it.
+    An encoder that reads an instruction hands on the observation's tokens, which have read it.
     """
 
     def __init__(
@@ -72,7 +78,7 @@ class ActNetwork(nn.Module):
         observation_encoder: ObservationEncoder,
         style_encoder: StyleEncoder | None,
         latent: Latent | None,
-        encoder: Encoder,
+        encoder: Encoder | TextEncoder,
         decoder: Decoder | AutoregressiveDecoder,
         head: ActionHead,
         prefix_encoder: PrefixEncoder | None,
@@ -95,7 +101,7 @@ class ActNetwork(nn.Module):
         """Tokens of observations (B, H, ...), and the first actions that the chunk has to continue."""
         prefix = None if given is None or self.prefix_encoder is None else self.prefix_encoder(given)
         tokens, positions = self.observation_encoder(window.vectors, window.images)
-        return EncodedObservation(tokens, positions, prefix)
+        return EncodedObservation(tokens, positions, prefix, window.text)
 
     def posterior(self, batch: TrainingBatch, noise: Float[Tensor, "B n"]) -> Posterior:
         """The style that the demonstrated actions show. Only with a latent."""
@@ -154,4 +160,6 @@ class ActNetwork(nn.Module):
             style = style + observation.prefix
         tokens = torch.cat((style[:, None], observation.tokens), dim=1)
         positions = torch.cat((self.style_position, observation.positions))
+        if isinstance(self.encoder, TextEncoder):
+            return self.encoder(tokens, positions, observation.text), positions
         return self.encoder(tokens, positions), positions
