@@ -31,6 +31,7 @@ class Effect:
         size: demonstrations; None for the mean of all sizes.
         value: in [-1, 1] for a difference.
         interval: of 95 %, over training seeds and episodes.
+        p_value: of there being none, two-sided: how often a repetition is on the other side of zero.
         seeds: how many trainings of each cell and size.
     """
 
@@ -39,6 +40,7 @@ class Effect:
     size: int | None
     value: float
     interval: tuple[float, float]
+    p_value: float
     seeds: int
 
     @property
@@ -90,5 +92,7 @@ def effect(
     )
     drawn = np.sum(of_seeds @ rates * of_episodes, axis=1)
     low, high = np.quantile(drawn, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+    beyond = min(np.sum(drawn <= 0), np.sum(drawn >= 0))
+    p_value = min(1.0, 2 * float(1 + beyond) / (1 + REPETITIONS))
     size = sizes[0] if len(sizes) == 1 else None
-    return Effect(name, condition, size, float(rates.mean()), (float(low), float(high)), n_seeds)
+    return Effect(name, condition, size, float(rates.mean()), (float(low), float(high)), p_value, n_seeds)

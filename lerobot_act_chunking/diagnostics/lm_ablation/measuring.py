@@ -17,7 +17,7 @@ ALONE = "{cell} is trained with one seed: its rates say nothing of other trainin
 FEW = "Intervals are of a bootstrap over {n} training seeds: with so few they are rather too narrow."
 UNSURE = (
     "Intervals are of one effect each: of {n} that are shown, one in twenty leaves out zero by chance. The "
-    "verdict goes by the mean over all sizes alone."
+    "verdict goes by pretraining over all sizes, corrected for the number of conditions (Holm)."
 )
 
 

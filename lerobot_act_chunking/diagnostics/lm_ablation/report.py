@@ -87,9 +87,14 @@ class LmAblationReport(Report):
             "trainings": [
                 {
                     **asdict(each),
-                    "successes": {name: [int(won) for won in all_] for name, all_ in each.successes.items()},
+                    "successes": {name: _digits(won) for name, won in each.successes.items()},
                 }
                 for each in self.records
             ],
             "notes": list(self.notes),
         }
+
+
+def _digits(successes: Sequence[bool]) -> str:
+    """1 for each episode that succeeded, 0 for each other: a line in place of hundreds."""
+    return "".join("01"[won] for won in successes)

@@ -3,10 +3,13 @@
 from collections.abc import Sequence
 
 from lerobot_act_chunking.diagnostics.core.report import Judgement
+from lerobot_act_chunking.diagnostics.core.statistics import holm
 from lerobot_act_chunking.diagnostics.lm_ablation.effects import Effect
 from lerobot_act_chunking.diagnostics.lm_ablation.matching import Match
 from lerobot_act_chunking.diagnostics.lm_ablation.settings import Settings
 
+LEVEL = 0.05
+"""P-values of pretraining below it decide, after Holm's correction for all conditions."""
 INCOMPLETE = (
     "the two by two is not complete: train T-R, T-LM', M-R and M-LM' with the same seeds at every size that "
     "is asked for (the same command goes on where it was)"
@@ -31,15 +34,16 @@ def judge(settings: Settings, match: Match, effects: Sequence[Effect], sizes: Se
     known = [each for each in found if each is not None]
     if not known:
         return Judgement("inconclusive", [INCOMPLETE])
-    reasons = [_said(each) for each in known]
+    adjusted = holm([each.p_value for each in known])
+    reasons = [_said(each, p_value) for each, p_value in zip(known, adjusted, strict=True)]
     for name in ("architecture", "interaction"):
-        decided = [overall[name, each.condition] for each in known if overall[name, each.condition].decided]
-        reasons += [f"{name}, {each.condition}: {_points(each)}" for each in decided]
-    return Judgement("pass" if any(each.decided for each in known) else "inconclusive", reasons)
+        others = [overall[name, each.condition] for each in known]
+        reasons += [f"{name}, {each.condition}: {_points(each)}" for each in others if each.decided]
+    return Judgement("pass" if min(adjusted) < LEVEL else "inconclusive", reasons)
 
 
-def _said(found: Effect) -> str:
-    if not found.decided:
+def _said(found: Effect, p_value: float) -> str:
+    if p_value >= LEVEL:
         return f"{found.condition}: a pretrained start is not told apart from a random one ({_points(found)})"
     way = "helps" if found.value > 0 else "harms"
     return f"{found.condition}: a pretrained start {way} ({_points(found)})"

@@ -64,6 +64,7 @@ def test_from_demonstrations_to_a_report(language_model, tmp_path, monkeypatch, 
         *("--steps", "2", "--looks", "1", "--batch-size", "2", "--episodes", "2", "--pretraining-steps", "2"),
         *(f"--policy.{name}={value}" for name, value in SIZES.items()),
         "--policy.optimizer_lr=5e-4",  # to YAML a text
+        *("--policy.chunk_size=20", "--policy.execution=open_loop"),
         *("--output-dir", str(tmp_path / "out"), "--json", str(tmp_path / "found.json")),
     ]
     cells = ["--cells", "T-R,T-LM',M-R,M-LM',T-shuffled"]
@@ -74,6 +75,7 @@ def test_from_demonstrations_to_a_report(language_model, tmp_path, monkeypatch, 
     assert [row["trainings"] for row in found["cells"]] == [1] * 5
     assert {each["condition"] for each in found["effects"]} == {"as demonstrated", "instructions=words"}
     assert found["trainings"][0]["curve"][0][0] == 0
+    assert set(found["trainings"][0]["successes"]["as demonstrated"]) <= {"0", "1"}
     assert (tmp_path / "out" / "report.png").stat().st_size > 10_000
     trained = {each: each.stat().st_mtime_ns for each in (tmp_path / "out" / "trainings").iterdir()}
     assert len(trained) == 5
