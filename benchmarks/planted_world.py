@@ -107,11 +107,13 @@ def record(
         return
     keys = ("action", "observation.state", "observation.environment_state")
     shown = islice(_demonstrations(right, most_start, seed), episodes)
-    write_demonstrations(folder, FPS, {key: ["x", "y"] for key in keys}, Courier.task, shown)
+    write_demonstrations(folder, FPS, {key: ["x", "y"] for key in keys}, shown)
 
 
-def _demonstrations(right: float, most_start: float, first: int) -> Iterator[list[tuple[np.ndarray, ...]]]:
-    """Actions, positions and goals of one episode after the other."""
+def _demonstrations(
+    right: float, most_start: float, first: int
+) -> Iterator[tuple[str, list[tuple[np.ndarray, ...]]]]:
+    """The instruction, and actions, positions and goals, of one episode after the other."""
     env = Courier()
     for seed in count(first):
         observation, _ = env.reset(seed=seed)
@@ -126,7 +128,7 @@ def _demonstrations(right: float, most_start: float, first: int) -> Iterator[lis
             observation, _, over, _, info = env.step(action)
         if not info["is_success"]:
             raise RuntimeError(f"the demonstrator fails at seed {seed}")
-        yield rows
+        yield Courier.task, rows
 
 
 @dataclass

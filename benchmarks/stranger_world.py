@@ -62,9 +62,9 @@ def record(folder: Path, episodes: int) -> None:
         return
     env = make()
     attempts = (demonstrate(env, seed) for seed in count())
-    shown = islice((rows for rows, success in attempts if success), episodes)
+    shown = islice(((Told.task, rows) for rows, success in attempts if success), episodes)
     names = {key: [f"{number}" for number in range(size)] for key, size in SIZES.items()}
-    write_demonstrations(folder, FPS, names, Told.task, shown)
+    write_demonstrations(folder, FPS, names, shown)
 
 
 @dataclass

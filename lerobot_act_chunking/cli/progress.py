@@ -11,10 +11,21 @@ def shown(description: str) -> Iterator[Callable[[int, int], None]]:
     Yields:
         What to call with the numbers done and planned.
     """
+    with named(description) as progress:
+        yield lambda done, planned: progress(description, done, planned)
+
+
+@contextmanager
+def named(description: str) -> Iterator[Callable[[str, int, int], None]]:
+    """As `shown`, for work of several kinds.
+
+    Yields:
+        What to call with the name of the work, and the numbers done and planned.
+    """
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         line = bar.add_task(description, total=None)
-        yield lambda done, planned: bar.update(line, completed=done, total=planned)
+        yield lambda name, done, planned: bar.update(line, description=name, completed=done, total=planned)

@@ -1,7 +1,7 @@
 """LeRobot's batch dictionaries as typed tensors; all access to them goes through here."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import torch
@@ -10,19 +10,28 @@ from torch import Tensor
 
 from lerobot_act_chunking.errors import FeatureError
 from lerobot_act_chunking.nn.image_view import ImageView
+from lerobot_act_chunking.nn.language.text import Text
 
 ACTION = "action"
 ACTION_IS_PAD = "action_is_pad"
+TOKENS, TOKENS_MASK = "observation.language.tokens", "observation.language.attention_mask"
 
 
 @dataclass(frozen=True)
 class FeatureSpec:
-    """Keys and shapes (without the batch axis) that a policy reads, and what it sees of images."""
+    """Keys and shapes (without the batch axis) that a policy reads, and what it sees of images.
+
+    Attributes:
+        vectors, images, action: shapes by key.
+        view: what is seen of images.
+        text_tokens: word pieces of the longest instruction; 0 for a policy that reads none.
+    """
 
     vectors: Mapping[str, tuple[int, ...]]
     images: Mapping[str, tuple[int, ...]]
     action: tuple[int, ...]
     view: ImageView = field(default_factory=ImageView)
+    text_tokens: int = 0
 
     @property
     def seen(self) -> dict[str, tuple[int, ...]]:
@@ -37,10 +46,14 @@ class FeatureSpec:
 
 @dataclass(frozen=True)
 class Observation:
-    """Normalised observations: of the current step (B, ...), or of the last H steps (B, H, ...)."""
+    """Normalised observations: of the current step (B, ...), or of the last H steps (B, H, ...).
+
+    The instruction is the current one.
+    """
 
     vectors: dict[str, Float[Tensor, "B *H _"]]
     images: dict[str, Float[Tensor, "B *H 3 _ _"]]
+    text: Text | None = None
 
     @property
     def batch_size(self) -> int:
@@ -52,6 +65,7 @@ class Observation:
         return Observation(
             vectors={key: value[samples.to(value.device)] for key, value in self.vectors.items()},
             images={key: value[samples.to(value.device)] for key, value in self.images.items()},
+            text=self.text and Text(*(value[samples.to(value.device)] for value in self.text)),
         )
 
     @classmethod
@@ -95,18 +109,21 @@ class Observation:
             for key, shape in spec.images.items()
         }
         _check_batch_sizes({**targets, **vectors, **images})
-        return cls(vectors, {key: spec.view(value, generator) for key, value in images.items()})
+        seen = {key: spec.view(value, generator) for key, value in images.items()}
+        return cls(vectors, seen, _text(batch, spec.text_tokens) if spec.text_tokens else None)
 
     def latest(self) -> "Observation":
         """The current step's observations (B, ...) of a window."""
-        return Observation(
+        return replace(
+            self,
             vectors={key: value[:, -1] for key, value in self.vectors.items()},
             images={key: value[:, -1] for key, value in self.images.items()},
         )
 
     def as_window(self) -> "Observation":
         """The current step's observations as a window (B, 1, ...) of one step."""
-        return Observation(
+        return replace(
+            self,
             vectors={key: value[:, None] for key, value in self.vectors.items()},
             images={key: value[:, None] for key, value in self.images.items()},
         )
@@ -216,6 +233,29 @@ def _arriving(batch: Mapping[str, Any], key: str, shape: tuple[int, ...], view: 
     value, resized = batch.get(key), view.resized_shape(shape)
     is_resized = isinstance(value, Tensor) and tuple(value.shape[-len(resized) :]) == resized
     return resized if is_resized else shape
+
+
+def _text(batch: Mapping[str, Any], most: int) -> Text:
+    """The instructions of a batch."""
+    tokens, mask = batch.get(TOKENS), batch.get(TOKENS_MASK)
+    if tokens is None or mask is None:
+        missing = TOKENS if tokens is None else TOKENS_MASK
+        raise FeatureError(
+            f"the policy reads instructions, but the batch has no {missing!r}: give each sample its task as "
+            "tokens (B, L), [CLS] and [SEP] included, or train with --policy.encoder_vocabulary=0"
+        )
+    if tokens.ndim != 2 or tokens.shape != mask.shape:
+        raise FeatureError(
+            f"{TOKENS!r} has shape {tuple(tokens.shape)} and {TOKENS_MASK!r} {tuple(mask.shape)}, but the "
+            "policy was built for (B, L), B samples"
+        )
+    longest = int(mask.sum(1).max())
+    if longest > most:
+        raise FeatureError(
+            f"an instruction has {longest} tokens, more than encoder_text_tokens={most}: shorten it, or "
+            f"train with --policy.encoder_text_tokens={longest}"
+        )
+    return Text(tokens[:, :most], ~mask.bool()[:, :most])
 
 
 def _shape(*sizes: int | str) -> str:

@@ -1,5 +1,7 @@
 """The observations that a policy of ``n_obs_steps`` acts on."""
 
+from dataclasses import replace
+
 from lerobot_act_chunking.data.batch import Observation
 from lerobot_act_chunking.execution.history import ObservationHistory
 from lerobot_act_chunking.execution.timeline import Environments
@@ -33,7 +35,9 @@ class ObservationWindow:
             current = self._current if envs is None else self._current.select(envs)
             return current.as_window()
         window = self._history.stack(envs)
-        return Observation(
+        current = self._current if envs is None else self._current.select(envs)
+        return replace(
+            current,
             vectors={key: window[key] for key in self._current.vectors},
             images={key: window[key] for key in self._current.images},
         )

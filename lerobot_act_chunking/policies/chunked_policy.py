@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -215,7 +216,7 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](
         features = self._image_features(observation)
         if features is None:
             return observation
-        return Observation(vectors=observation.vectors | features, images={})
+        return replace(observation, vectors=observation.vectors | features, images={})
 
     def _image_features(self, observation: Observation) -> dict[str, Tensor] | None:
         """Features (B, ...) that the network takes in place of the images; None if it takes images alone."""

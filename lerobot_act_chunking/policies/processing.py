@@ -34,6 +34,6 @@ def make_processors(
         check_statistics(config, dataset_stats)
         dataset_stats = floored_statistics(config, dataset_stats, config.norm_std_floor)
     before, behind = make_default_pre_post_processors(config, dataset_stats, normalizer_device=config.device)
-    if config.language_encoder is not None:
-        before.steps = [*before.steps, InstructionTokens(config.language_encoder, config.language_tokens)]
+    if config.task_tokens is not None:
+        before.steps = [*before.steps, InstructionTokens(*config.task_tokens)]
     return before, behind

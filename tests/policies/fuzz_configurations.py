@@ -29,7 +29,10 @@ NEAR: dict[str, tuple[Any, ...]] = {
     ),
     **dict.fromkeys(("n_heads", "gpt_n_head", "n_groups"), (1, 2, 4)),
     **dict.fromkeys(("chunk_size", "horizon"), (1, 2, 4, 6, 7, 8)),
-    **dict.fromkeys(("optimizer_lr", "optimizer_lr_backbone", "optimizer_vqvae_lr"), (0.0, 1e-4, 1e-2, 1.0)),
+    **dict.fromkeys(
+        ("optimizer_lr", "optimizer_lr_backbone", "optimizer_lr_encoder", "optimizer_vqvae_lr"),
+        (0.0, 1e-4, 1e-2, 1.0),
+    ),
     "noise_seed": (0, 5, 2**63 - 1),
     "n_action_steps": (1, 2, 3, 6),
     "fps": (10, 30.0, 50),
@@ -54,6 +57,8 @@ NEAR: dict[str, tuple[Any, ...]] = {
     "compile_model": (False,),  # takes a minute
     "balance_modes": ("none",),  # the others need a dataset
     "inner_path": ("none",),
+    "encoder_weights": ("none",),
+    "encoder_vocabulary": (0,),  # with more, batches need instructions
 }
 STATE = {"observation.state": PolicyFeature(FeatureType.STATE, (2,))}
 IMAGES = {"observation.images.top": PolicyFeature(FeatureType.VISUAL, (3, 16, 24))}

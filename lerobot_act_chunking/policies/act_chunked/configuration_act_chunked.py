@@ -1,22 +1,25 @@
 """Settings of `act_chunked`."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from lerobot.configs import PreTrainedConfig
 
+from lerobot_act_chunking.data.batch import FeatureSpec
 from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.execution.settings import Mode
 from lerobot_act_chunking.heads.make import HEADS
 from lerobot_act_chunking.heads.spec import HeadSpec
+from lerobot_act_chunking.nn.language.weights import INITS
 from lerobot_act_chunking.nn.latents.make import LATENTS
 from lerobot_act_chunking.nn.latents.spec import COMPONENT_WEIGHTS, LatentSpec
 from lerobot_act_chunking.policies.act_chunked.checks import check
 from lerobot_act_chunking.policies.act_chunked.presets import FORMER_NAMES, PRESETS, preset_values
 from lerobot_act_chunking.policies.choices import one_of
 from lerobot_act_chunking.policies.chunked_config import PRESET, ChunkedConfig
+from lerobot_act_chunking.policies.language.encoder import MINILM
 from lerobot_act_chunking.policies.prefix import prefix_predictions
 
 
@@ -66,7 +69,23 @@ class ActChunkedConfig(ChunkedConfig):
         n_heads: attention heads.
         dim_feedforward: hidden width of the feed-forward branches.
         feedforward_activation: activation of the feed-forward branches.
-        n_encoder_layers: number of encoder layers.
+        n_encoder_layers: number of encoder layers; of a language model the first ones.
+        encoder_impl: the encoder over the tokens of an observation: ``act``; ``bert``, whose layers are those
+            of a language model, MiniLM's six of width 384 by default; or ``mixer``, an MLP-Mixer with as
+            many weights, for comparison.
+        encoder_init: what ``bert`` or ``mixer`` begin with: ``random``, a ``language_model``, one whose
+            entries are ``permuted`` within each tensor, or one kind of its weights alone
+            (``only_attention``, ``only_mlp``, ``only_norms``, ``only_positions``, ``only_embeddings``).
+            Checkpoints hold the weights.
+        encoder_weights: folder of the language model: BERT-like, or pretrained by
+            ``act-chunking lm-ablation``. By default MiniLM of the extra ``language``.
+        encoder_training: the body learns in ``full``, stays ``frozen``, or learns low-rank changes
+            (``lora``). Its table of word pieces never changes.
+        encoder_vocabulary: word pieces of the instruction that the encoder knows, 30522 of MiniLM's; 0 for
+            an encoder that reads none. They are those of ``encoder_weights``, or MiniLM's.
+        encoder_text_tokens: word pieces of the longest instruction.
+        optimizer_lr_encoder: AdamW learning rate of the body of ``bert`` or ``mixer``; by default
+            ``optimizer_lr``.
         n_decoder_layers: number of decoder layers; parallel action queries interact from the second on.
         dropout: dropout probability everywhere in the transformers.
 
@@ -135,10 +154,17 @@ class ActChunkedConfig(ChunkedConfig):
 
     pre_norm: bool = PRESET
     dim_model: int = PRESET
-    n_heads: int = 8
+    n_heads: int = PRESET
     dim_feedforward: int = PRESET
     feedforward_activation: str = PRESET
     n_encoder_layers: int = PRESET
+    encoder_impl: Literal["act", "bert", "mixer"] = "act"
+    encoder_init: str = one_of(INITS, "random")
+    encoder_weights: str | None = None
+    encoder_training: Literal["full", "frozen", "lora"] = "full"
+    encoder_vocabulary: int = 0
+    encoder_text_tokens: int = 32
+    optimizer_lr_encoder: float = PRESET
     n_decoder_layers: int = PRESET
     dropout: float = PRESET
 
@@ -180,7 +206,22 @@ class ActChunkedConfig(ChunkedConfig):
         self.resolve_seconds()
         self.preset = FORMER_NAMES.get(self.preset, self.preset)
         self.fill_in(preset_values(self))
+        if self.optimizer_lr_encoder is PRESET:
+            self.optimizer_lr_encoder = self.optimizer_lr
         check(self)
+
+    @property
+    def feature_spec(self) -> FeatureSpec:
+        """What the policy reads from a batch."""
+        reads = self.encoder_text_tokens if self.encoder_vocabulary else 0
+        return replace(super().feature_spec, text_tokens=reads)
+
+    @property
+    def task_tokens(self) -> tuple[str, int] | None:
+        """As of every policy, or those that the encoder itself reads."""
+        if self.encoder_vocabulary:
+            return self.encoder_weights or MINILM, self.encoder_text_tokens
+        return super().task_tokens
 
     @property
     def timing(self) -> ChunkTiming:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, Literal
 
 import torch
@@ -20,6 +21,7 @@ from lerobot_act_chunking.nn.prefix import begun_with, draw_prefix
 from lerobot_act_chunking.policies.act_chunked.building import build_network
 from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
 from lerobot_act_chunking.policies.act_chunked.draws import ActingDraws, Draws
+from lerobot_act_chunking.policies.act_chunked.language import body_of, start_from_language
 from lerobot_act_chunking.policies.act_chunked.network import ActNetwork, TrainingBatch
 from lerobot_act_chunking.policies.act_chunked.vae_loss import VaeLoss
 from lerobot_act_chunking.policies.acting import acting
@@ -38,6 +40,10 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
 
     def __init__(self, config: ActChunkedConfig, **kwargs: Any):
         super().__init__(config, **kwargs)
+        if config.encoder_init != "random" and kwargs.get("load_backbone_weights", True):
+            start_from_language(self.model.encoder, config)
+            if self.ema is not None:
+                self.ema.restart(self.model)
         if config.compile_model:  # in place: the names of the weights stay
             network = self.model
             for part in (
@@ -132,15 +138,17 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
         """The observations as training sees them."""
         if self.config.history_dropout:
             forget = history_dropout_mask(window.batch_size, self.config.history_dropout, generator)
-            window = Observation(
-                vectors=drop_history(window.vectors, forget), images=drop_history(window.images, forget)
+            window = replace(
+                window,
+                vectors=drop_history(window.vectors, forget),
+                images=drop_history(window.images, forget),
             )
         if self.config.random_shift:
             images = {
                 key: random_shift(value, self.config.random_shift, generator)
                 for key, value in window.images.items()
             }
-            window = Observation(vectors=window.vectors, images=images)
+            window = replace(window, images=images)
         return window
 
     @acting
@@ -218,6 +226,16 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
         if given is not None:
             predictions = begun_with(given.repeat(n_samples), predictions)
         return self._control_steps(predictions, n_steps).unflatten(0, (n_samples, -1))
+
+    def get_optim_params(self) -> list[dict[str, Any]]:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Parameter groups for the optimiser: a text encoder's body learns at its own rate."""
+        groups = super().get_optim_params()
+        body = body_of(self.model.encoder)
+        if not body:
+            return groups
+        in_body = set(body)
+        rest = [{**group, "params": [p for p in group["params"] if p not in in_body]} for group in groups]
+        return [*rest, {**groups[0], "params": body, "lr": self.config.optimizer_lr_encoder}]
 
     def _image_features(self, observation: Observation) -> dict[str, Tensor]:
         return self._network.observation_encoder.image_features(observation.images)

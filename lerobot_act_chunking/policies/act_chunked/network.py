@@ -11,6 +11,8 @@ from lerobot_act_chunking.data.batch import ActionTarget, Observation
 from lerobot_act_chunking.heads.action_head import ActionHead
 from lerobot_act_chunking.nn.autoregressive import AutoregressiveDecoder
 from lerobot_act_chunking.nn.instruction import InstructionEmbedding
+from lerobot_act_chunking.nn.language.encoder import TextEncoder
+from lerobot_act_chunking.nn.language.text import Text
 from lerobot_act_chunking.nn.latents.latent import Latent, Posterior
 from lerobot_act_chunking.nn.masking import PadNormalization
 from lerobot_act_chunking.nn.observation import ObservationEncoder
@@ -27,18 +29,21 @@ class EncodedObservation(NamedTuple):
         tokens: observations (B, N, D).
         positions: of the tokens (N, D).
         prefix: what the chunk has to continue and what the policy is told (B, D); None if neither.
+        text: the instruction, for an encoder that reads it word by word; None for others.
     """
 
     tokens: Tensor
     positions: Tensor
     prefix: Tensor | None = None
+    text: Text | None = None
 
     def repeat(self, n_samples: int) -> "EncodedObservation":
         """The same ``n_samples`` times, one copy behind the other."""
         if n_samples == 1:
             return self
         prefix = None if self.prefix is None else self.prefix.repeat(n_samples, 1)
-        return EncodedObservation(self.tokens.repeat(n_samples, 1, 1), self.positions, prefix)
+        text = self.text and self.text.repeat(n_samples)
+        return EncodedObservation(self.tokens.repeat(n_samples, 1, 1), self.positions, prefix, text)
 
 
 @dataclass(frozen=True)
@@ -67,6 +72,7 @@ class ActNetwork(nn.Module):
 
     The style token is a learned vector; a latent's embedding, that of given first actions and that of an
     instruction are added to it. A token of its own for the instruction would cost a fifth more for a chunk.
+    An encoder that reads an instruction itself hands on the observation's tokens, which have read it.
     """
 
     def __init__(
@@ -75,7 +81,7 @@ class ActNetwork(nn.Module):
         observation_encoder: ObservationEncoder,
         style_encoder: StyleEncoder | None,
         latent: Latent | None,
-        encoder: Encoder,
+        encoder: Encoder | TextEncoder,
         decoder: Decoder | AutoregressiveDecoder,
         head: ActionHead,
         prefix_encoder: PrefixEncoder | None,
@@ -104,7 +110,7 @@ class ActNetwork(nn.Module):
             told = self.told(window.vectors[INSTRUCTION][:, -1])
             prefix = told if prefix is None else prefix + told
         tokens, positions = self.observation_encoder(window.vectors, window.images)
-        return EncodedObservation(tokens, positions, prefix)
+        return EncodedObservation(tokens, positions, prefix, window.text)
 
     def posterior(self, batch: TrainingBatch, noise: Float[Tensor, "B n"]) -> Posterior:
         """The style that the demonstrated actions show. Only with a latent."""
@@ -163,4 +169,6 @@ class ActNetwork(nn.Module):
             style = style + observation.prefix
         tokens = torch.cat((style[:, None], observation.tokens), dim=1)
         positions = torch.cat((self.style_position, observation.positions))
+        if isinstance(self.encoder, TextEncoder):
+            return self.encoder(tokens, positions, observation.text), positions
         return self.encoder(tokens, positions), positions

@@ -34,6 +34,8 @@ def preset_values(config: "ActChunkedConfig") -> dict[str, Any]:
 
 def _follow_given(config: "ActChunkedConfig", values: dict[str, Any]) -> dict[str, Any]:
     """Values that fit to those that are given."""
+    if config.encoder_impl != "act":
+        values |= _MINILM
     if config.preset != "paper":
         values["backbone_norm"] = "frozen_batch" if config.starts_pretrained else "group"
         values["dim_feedforward"] = 4 * (config.dim_model or values["dim_model"])
@@ -49,6 +51,8 @@ def _largest_divisor(count: int, at_most: int) -> int:
     return max(n for n in range(1, at_most + 1) if count % n == 0)
 
 
+_MINILM = {"dim_model": 384, "n_heads": 12, "dim_feedforward": 1536, "n_encoder_layers": 6}
+
 _COMMON = {
     "n_obs_steps": 1,
     "obs_stride": 1,
@@ -57,6 +61,7 @@ _COMMON = {
     "chunk_size": 100,
     "actions_per_query": 1,
     "decoder_type": "parallel",
+    "n_heads": 8,
     "n_decoder_layers": 1,
     "n_encoder_layers": 4,
     "n_vae_encoder_layers": 4,

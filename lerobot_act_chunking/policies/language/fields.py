@@ -58,6 +58,11 @@ class LanguageFields:
             )
 
     @property
+    def task_tokens(self) -> tuple[str, int] | None:
+        """The encoder whose tokens of the task are read, and how many at most; None if none are."""
+        return None if self.language_encoder is None else (self.language_encoder, self.language_tokens)
+
+    @property
     def instruction_dropout(self) -> float:
         """How often training leaves the instruction out by itself, apart from what guidance leaves out."""
         return self.language_dropout

@@ -1,6 +1,7 @@
 """What policies that follow instructions have in common."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -58,7 +59,7 @@ class FollowsInstructions:
 
     def _drop_what_was_asked_before(self, batch: Batch) -> None:
         """Where the instruction is another one than in the last step, nothing waits any more."""
-        changed = None if self.listener is None else self._instructions.changed(batch)
+        changed = None if self.config.task_tokens is None else self._instructions.changed(batch)
         if changed is not None:
             self._action_queue.clear(changed)
 
@@ -92,4 +93,4 @@ class FollowsInstructions:
         if len(said) != window.batch_size:
             raise self.listener.wrong_number(len(said), window.batch_size)
         told = said[:, None].expand(-1, self.config.n_obs_steps, -1)
-        return Observation(vectors=window.vectors | {INSTRUCTION: told}, images=window.images)
+        return replace(window, vectors=window.vectors | {INSTRUCTION: told})
