@@ -8,6 +8,7 @@ import torch
 
 from lerobot_act_chunking.data.masking import hold_padding
 from lerobot_act_chunking.envs.robotics.env import RoboticsEnv
+from lerobot_act_chunking.nn.processes import draw_rows
 from lerobot_act_chunking.policies.batch_seeds import BatchSeeds
 from lerobot_act_chunking.recording.simulated import noise_stream
 from lerobot_act_chunking.sampling.solvers import LinearSampler, Step
@@ -65,13 +66,19 @@ def test_multistep_solvers_carry_the_clipped_estimate_over():
     assert torch.allclose(found, torch.full_like(found, 0.5 * 0.5 + 1.0 - 0.25))
 
 
-def test_ranks_of_a_distributed_run_draw_apart(monkeypatch):
-    seeds = {}
+def test_ranks_of_a_distributed_run_draw_what_one_process_would(monkeypatch):
+    def drawn(n_rows):
+        source = BatchSeeds()
+        source.seed.fill_(7)  # from the checkpoint or the first rank
+        return [draw_rows(torch.rand, (n_rows, 2), generator=source.next_generator("cpu")) for _ in range(3)]
+
+    alone = drawn(12)
     monkeypatch.setattr(torch.distributed, "is_initialized", lambda: True)
+    monkeypatch.setattr(torch.distributed, "get_world_size", lambda: 3)
+    rows = []
     for rank in (0, 1, 2):
         monkeypatch.setattr(torch.distributed, "get_rank", lambda rank=rank: rank)
-        source = BatchSeeds()
-        source.seed.fill_(7)  # from the checkpoint or the broadcast of the first rank
-        seeds[rank] = [source.next_seed() for _ in range(3)]
-    drawn = [seed for each in seeds.values() for seed in each]
-    assert len(set(drawn)) == len(drawn)
+        rows.append(drawn(4))
+    together = torch.cat([torch.cat(parts) for parts in zip(*rows, strict=True)])
+    assert torch.equal(together, torch.cat(alone))
+    assert len(together.unique()) == together.numel()

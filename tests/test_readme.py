@@ -118,6 +118,18 @@ def test_the_table_of_faults_of_the_simulated_arm_is_that_of_its_results():
     assert max(cell["jump"] for cell in cells) < 1.5  # no target leaps, as the page says
 
 
+def test_the_table_of_several_processes_is_that_of_its_results():
+    tables = load("benchmarks/processes.py")
+    results = json.loads(tables.RESULTS.read_text())
+    page = (ROOT / "docs" / "guides" / "several-machines.md").read_text()
+    assert tables.table(results) in page, "run: python benchmarks/processes.py"
+    assert [each["case"] for each in results["cases"]] == list(tables.CASES)
+    for each in results["cases"]:
+        assert each["frames_seen_twice"] == 0
+        assert each["apart"]["two"]["same_frames"]
+        assert each["apart"]["two"]["loss"] < 1e-5
+
+
 def test_the_table_of_the_study_of_modes_is_that_of_its_results():
     tables = load("benchmarks/mode_study.py")
     page, results = tables.PAGE.read_text(), json.loads(tables.RESULTS.read_text())

@@ -10,6 +10,7 @@ from lerobot_act_chunking.heads.codes import inverse_cdf_index
 from lerobot_act_chunking.heads.gaussian import mean_with_scaled_gradient, normal_nll
 from lerobot_act_chunking.heads.spec import HeadSize, HeadSpec
 from lerobot_act_chunking.nn.masking import PadNormalization, per_element
+from lerobot_act_chunking.nn.processes import mean_over_processes
 
 USAGE_DECAY = 0.99  # of the moving average over batches
 IDLE_SHARE = 0.1  # of what every component would have if all were used alike
@@ -107,7 +108,8 @@ class MixtureHead(ActionHead):
     @torch.no_grad()
     def _count(self, joint: Float[Tensor, "B M"]) -> None:
         """Update the components' shares by their responsibilities for this batch."""
-        self.usage.lerp_(joint.softmax(-1).mean(0).to(self.usage), 1 - USAGE_DECAY)
+        shares = mean_over_processes(joint.softmax(-1).mean(0))
+        self.usage.lerp_(shares.to(self.usage), 1 - USAGE_DECAY)
 
     def _idle_loss(
         self, nll: Float[Tensor, "B T M A"], log_std: Float[Tensor, "B T M A"], total: Float[Tensor, " B"]
@@ -117,8 +119,9 @@ class MixtureHead(ActionHead):
         Its weights make the means learn as from the squared error. From the likelihood, a component that is
         far off would become wide and not move.
         """
-        excess = (total - total.mean()).detach().clamp_min(0)
-        shares = excess / excess.mean().clamp_min(torch.finfo(excess.dtype).tiny)
+        excess = (total - mean_over_processes(total.mean())).detach().clamp_min(0)
+        usual = mean_over_processes(excess.mean())
+        shares = excess / usual.clamp_min(torch.finfo(excess.dtype).tiny)
         idle = self.usage < IDLE_SHARE / len(self.usage)
         weights = (2 * (1 - self.beta) * log_std.detach()).exp() * idle[:, None]
         return IDLE_WEIGHT * shares * (nll * weights).sum((1, 2, 3))

@@ -1,8 +1,12 @@
 """Random shifts of training images."""
 
+from functools import partial
+
 import torch
 from jaxtyping import Float, Int64, Shaped
 from torch import Tensor
+
+from lerobot_act_chunking.nn.processes import draw_rows
 
 
 def random_shift(
@@ -35,5 +39,6 @@ def take_pixels(
 def _sources(n_samples: int, size: int, max_shift: int, generator: torch.Generator) -> Tensor:
     """For each sample the source of every row or column (B, size)."""
     device = generator.device
-    shift = torch.randint(-max_shift, max_shift + 1, (n_samples, 1), generator=generator, device=device)
+    draw = partial(torch.randint, -max_shift, max_shift + 1)
+    shift = draw_rows(draw, (n_samples, 1), generator=generator, device=device)
     return (torch.arange(size, device=device) + shift).clamp(0, size - 1)

@@ -8,6 +8,7 @@ from torch import Tensor, nn
 
 from lerobot_act_chunking.nn.attention import Attention
 from lerobot_act_chunking.nn.layers import LayerSpec
+from lerobot_act_chunking.nn.processes import draw_rows
 from lerobot_act_chunking.nn.transformer import DecoderLayer, init_like_act
 
 Memory = tuple[Float[Tensor, "B H N d"], Float[Tensor, "B H N d"]]  # keys and values of one attention
@@ -159,7 +160,8 @@ def corrupt(
         noise_std: of the noise, in normalised units.
         dropout: probability that a block is hidden.
     """
-    noise = torch.randn(actions.shape, generator=generator, device=actions.device, dtype=actions.dtype)
+    source = {"generator": generator, "device": actions.device}
+    noise = draw_rows(torch.randn, actions.shape, dtype=actions.dtype, **source)
     shape = len(actions), actions.shape[1] // actions_per_query
-    keep = torch.rand(shape, generator=generator, device=actions.device) >= dropout
+    keep = draw_rows(torch.rand, shape, **source) >= dropout
     return actions + noise_std * noise, keep

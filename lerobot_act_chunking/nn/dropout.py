@@ -21,7 +21,8 @@ class Dropout(nn.Module):
 
     def forward(self, x: Float[Tensor, "*S"]) -> Float[Tensor, "*S"]:
         """Zero elements with probability ``p`` and scale the rest by 1 / (1 - p), when training."""
-        if not self.training or self.p == 0 or x.device.type != "cpu":
+        compiled = torch.compiler.is_compiling()  # which has kernels of its own
+        if not self.training or self.p == 0 or compiled or x.device.type != "cpu":
             return F.dropout(x, self.p, self.training)
         return x * keep_mask(x.shape, self.p).to(x.dtype).mul_(1 / (1 - self.p))
 

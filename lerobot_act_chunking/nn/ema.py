@@ -5,14 +5,18 @@ from copy import deepcopy
 import torch
 from torch import Tensor, nn
 
+from lerobot_act_chunking.nn.buffers import CountsOnCpu
 
-class WeightAverage[NetworkT: nn.Module](nn.Module):
+
+class WeightAverage[NetworkT: nn.Module](CountsOnCpu):
     """A slowly following copy of a network, for evaluation.
 
     The decay rises with the number of updates, ``1 - step^-power`` up to ``max_value`` (Diffusion Policy's
     schedule), so that a short run is not dominated by its initial weights. Weights and step are part of the
     state dict: a resumed run continues exactly.
     """
+
+    counts = ("step",)
 
     def __init__(self, network: NetworkT, *, power: float, max_value: float):
         super().__init__()

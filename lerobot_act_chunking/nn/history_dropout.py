@@ -6,12 +6,15 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from lerobot_act_chunking.nn.processes import draw_rows
+
 
 def history_dropout_mask(
     n_samples: int, probability: float, generator: torch.Generator
 ) -> Bool[Tensor, " B"]:
     """The samples of a batch whose past is dropped, each with ``probability``; on the generator's device."""
-    return torch.rand(n_samples, generator=generator, device=generator.device) < probability
+    drawn = draw_rows(torch.rand, (n_samples,), generator=generator, device=generator.device)
+    return drawn < probability
 
 
 def drop_history(

@@ -1,6 +1,7 @@
 """What a policy sees of a camera's image: all of it at another size, or a part."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 import torch.nn.functional as F  # noqa: N812
@@ -8,6 +9,7 @@ from jaxtyping import Shaped
 from torch import Tensor
 
 from lerobot_act_chunking.nn.augment import take_pixels
+from lerobot_act_chunking.nn.processes import draw_rows
 
 Size = tuple[int, int]
 
@@ -83,5 +85,6 @@ def random_crop(
 def _range(n_samples: int, whole: int, part: int, generator: torch.Generator) -> Tensor:
     """For each sample ``part`` neighbouring rows or columns (B, part) out of ``whole``."""
     device = generator.device
-    first = torch.randint(whole - part + 1, (n_samples, 1), generator=generator, device=device)
+    draw = partial(torch.randint, whole - part + 1)
+    first = draw_rows(draw, (n_samples, 1), generator=generator, device=device)
     return first + torch.arange(part, device=device)

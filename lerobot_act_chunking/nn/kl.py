@@ -6,6 +6,8 @@ from typing import Literal
 from jaxtyping import Float
 from torch import Tensor
 
+from lerobot_act_chunking.nn.processes import mean_over_processes
+
 KlAnneal = Literal["none", "linear", "cyclical"]
 N_CYCLES = 4
 RISING_SHARE = 0.5  # of a cycle; the weight is 1 for the rest
@@ -42,4 +44,4 @@ def free_bits(divergence: Float[Tensor, "B J"], nats: float) -> Float[Tensor, " 
     """
     if not nats:
         return divergence.sum(-1)
-    return divergence.where(divergence.mean(0) > nats, nats).sum(-1)
+    return divergence.where(mean_over_processes(divergence.mean(0)) > nats, nats).sum(-1)

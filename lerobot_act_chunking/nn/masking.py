@@ -5,6 +5,8 @@ from typing import Literal
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from lerobot_act_chunking.nn.processes import counted_together
+
 PadNormalization = Literal["valid", "all"]
 
 
@@ -27,5 +29,5 @@ def per_element(
     """Sums over the valid elements of each sample, scaled as `per_sample_error` scales them."""
     if normalization == "all":
         return total / (is_pad.shape[1] * action_dim)
-    n_valid = (~is_pad).sum() * action_dim
+    n_valid = counted_together((~is_pad).sum() * action_dim)
     return total * len(is_pad) / n_valid.clamp_min(1)

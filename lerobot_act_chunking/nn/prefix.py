@@ -1,10 +1,13 @@
 """Actions that a chunk has to begin with, as something a network can look at."""
 
+from functools import partial
 from typing import NamedTuple
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
+
+from lerobot_act_chunking.nn.processes import draw_rows
 
 
 class GivenActions(NamedTuple):
@@ -65,7 +68,8 @@ def draw_prefix(
     Returns:
         What is given, and which of the chunk's actions that is.
     """
-    n_given = torch.randint(n_predictions + 1, (len(chunk), 1), generator=generator, device=chunk.device)
+    draw = partial(torch.randint, n_predictions + 1)
+    n_given = draw_rows(draw, (len(chunk), 1), generator=generator, device=chunk.device)
     given = torch.arange(chunk.shape[1], device=chunk.device) < n_given
     return GivenActions(chunk[:, :n_predictions], given[:, :n_predictions]), given
 

@@ -6,6 +6,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from lerobot_act_chunking.nn.processes import mean_over_processes
+
 BATCHES_MEASURED = 100
 LEAST_SCALE = 1e-3  # of one normalised unit: what moves less is noise, and is not blown up
 
@@ -46,6 +48,6 @@ class FiniteDifferences(nn.Module):
     def _measure(self, differences: Float[Tensor, "B h S"]) -> None:
         """Let the batch count, if it is one of the first. Free of branches, so that it compiles."""
         counts = self.n_batches < BATCHES_MEASURED
-        of_batch = differences.square().flatten(0, 1).mean(0)
+        of_batch = mean_over_processes(differences.square().flatten(0, 1).mean(0))
         self.mean_square.lerp_(of_batch, counts / (self.n_batches + 1))
         self.n_batches += counts

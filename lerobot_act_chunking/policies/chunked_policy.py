@@ -30,6 +30,7 @@ from lerobot_act_chunking.policies.language.following import FollowsInstructions
 from lerobot_act_chunking.policies.limits import ActsWithinLimits
 from lerobot_act_chunking.policies.mode_balance import ModeBalance
 from lerobot_act_chunking.policies.model_card import WithModelCard
+from lerobot_act_chunking.policies.sharding import ShardsByLayer
 from lerobot_act_chunking.policies.short_episodes import fit_to_episodes
 from lerobot_act_chunking.policies.size import check_size
 from lerobot_act_chunking.policies.statistics import check_statistics
@@ -41,7 +42,7 @@ Batch = dict[str, Any]
 
 
 class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](
-    ContinuesChunks, FollowsInstructions, ActsWithinLimits, WithModelCard, PreTrainedPolicy
+    ContinuesChunks, FollowsInstructions, ActsWithinLimits, ShardsByLayer, WithModelCard, PreTrainedPolicy
 ):
     """Base of the policies: checks, weight averaging, checkpoints, and chunks executed one action at a time.
 
@@ -64,8 +65,6 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](
 
     config_class = ChunkedConfig  # pyright: ignore[reportAssignmentType]  (LeRobot declares None)
     name = "chunked"  # pyright: ignore[reportAssignmentType]
-    # What may be called on a policy whose weights are spread over devices (LeRobot 0.7).
-    _fsdp_forward_methods = ("select_action", "predict_action_chunk", "predict_samples")
     config: ConfigT
     model: NetworkT
     ema: WeightAverage[NetworkT] | None

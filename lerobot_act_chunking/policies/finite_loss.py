@@ -14,28 +14,33 @@ UNUSUAL = 1e4
 """Normalised inputs are of the order of one; beyond this the data are to blame, not the weights."""
 
 
-def require_finite_loss(
+def finite_terms(
     loss: Tensor,
-    metrics: Mapping[str, float],
+    terms: Mapping[str, Tensor | float],
     batch: Mapping[str, Any],
     keys: Iterable[str],
     *,
     rate: str = "optimizer_lr",
-) -> None:
-    """Refuse a loss that is NaN or infinite, or one of its terms.
+) -> dict[str, float]:
+    """The terms of a loss as plain numbers, all read at once: each reading would wait for the device.
 
     Args:
         loss: of any shape.
-        metrics: its terms.
+        terms: its terms; those that are plain numbers already stay as they are.
         batch: what it was computed from ...
         keys: ... and what of that was read.
         rate: the setting that decides how fast what is learning learns.
 
     Raises:
-        DatasetError: naming the input that is to blame, or the learning rate if none is.
+        DatasetError: the loss or a term is NaN or infinite, naming the input that is to blame or, if none is,
+            the learning rate.
     """
-    if not torch.isfinite(loss).all() or not all(map(math.isfinite, metrics.values())):
-        raise DatasetError(f"the loss is not finite ({dict(metrics)}); {_cause(batch, list(keys), rate)}")
+    unread = {name: each.detach() for name, each in terms.items() if isinstance(each, Tensor)}
+    *numbers, total = torch.stack([*unread.values(), loss.detach().sum()]).tolist()
+    found = {**terms, **dict(zip(unread, numbers, strict=True))}
+    if not all(map(math.isfinite, (*found.values(), total))):
+        raise DatasetError(f"the loss is not finite ({found}); {_cause(batch, list(keys), rate)}")
+    return found
 
 
 def require_finite_actions(actions: Tensor) -> None:

@@ -7,6 +7,7 @@ from jaxtyping import Bool, Float, Int64
 from torch import Tensor, nn
 
 from lerobot_act_chunking.errors import look_up
+from lerobot_act_chunking.nn.processes import counted_together
 from lerobot_act_chunking.ranges import check_ranges
 from lerobot_act_chunking.tokenizers.coders import CODERS, make_coders
 from lerobot_act_chunking.tokenizers.quantizers import Quantizer
@@ -85,7 +86,9 @@ class LearnedTokenizer(ActionTokenizer):
             quantized = self.quantizer.quantize(encodings, teaches, seed)
             decoded = self.decoder(quantized.vectors)
         error = _error_per_chunk((decoded - actions).abs(), teaches[:, None] & ~is_pad)
-        commitment = quantized.commitment * teaches * (len(teaches) / teaches.sum().clamp_min(1))
+        commitment = (
+            quantized.commitment * teaches * (len(teaches) / counted_together(teaches.sum()).clamp_min(1))
+        )
         taught = quantized.codes[teaches]
         return Reconstruction(
             loss=error + COMMITMENT * commitment,
@@ -113,4 +116,5 @@ def _shares(codes: Int64[Tensor, "N G"], vocabulary: int) -> Float[Tensor, "G M"
 def _error_per_chunk(error: Float[Tensor, "N C A"], counts: Bool[Tensor, "N C"]) -> Float[Tensor, " N"]:
     """Errors of the steps that count, scaled so that their mean is the mean over all those of the batch."""
     total = (error * counts[..., None]).sum((1, 2))
-    return total * len(counts) / (counts.sum() * error.shape[-1]).clamp_min(1)
+    n_counting = counted_together(counts.sum() * error.shape[-1])
+    return total * len(counts) / n_counting.clamp_min(1)

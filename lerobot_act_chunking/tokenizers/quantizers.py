@@ -5,7 +5,7 @@ Every option is set, so that a new default of the library changes nothing.
 
 import math
 from abc import abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +13,8 @@ from typing import Any
 import torch
 from jaxtyping import Bool, Float, Int64
 from torch import Tensor, nn
+
+from lerobot_act_chunking.nn.processes import all_rows, own_rows
 
 
 @dataclass(frozen=True)
@@ -102,8 +104,8 @@ class MovingCodebooks(Quantizer):
             kmeans_iters=kmeans_iters,
             threshold_ema_dead_code=dead_code_threshold,  # pyright: ignore[reportArgumentType]  (see _revive_below)
             rotation_trick=rotation_trick,
-            sync_codebook=_is_distributed(),
-            sync_kmeans=True,
+            sync_codebook=False,  # `quantize` sees the encodings of all processes
+            sync_kmeans=False,
             eps=1e-5,
             codebook_dim=dim,
             shared_codebook=False,
@@ -150,11 +152,22 @@ class MovingCodebooks(Quantizer):
         self.levels.train()
         return self
 
+    def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> "MovingCodebooks":
+        """Whether codes are placed is asked at every batch: it stays on the CPU (`CountsOnCpu`)."""
+        placed = [each.initted for each in self._codebooks]
+        super()._apply(fn, recurse)
+        for codebook, each in zip(self._codebooks, placed, strict=True):
+            codebook.initted = each
+        return self
+
+    @property
+    def _codebooks(self) -> list[Any]:
+        return [level._codebook for level in self.levels.layers]
+
     @property
     def is_placed(self) -> bool:
         """Whether the codes are where k-means, or chance, has put them."""
-        codebooks: list[Any] = [level._codebook for level in self.levels.layers]
-        return all(bool(codebook.initted) for codebook in codebooks)
+        return all(bool(codebook.initted) for codebook in self._codebooks)
 
     @torch.no_grad()
     def nearest(self, encodings: Float[Tensor, "N D"]) -> Int64[Tensor, "N G"]:
@@ -170,15 +183,22 @@ class MovingCodebooks(Quantizer):
         return codebooks[levels, codes].sum(1)
 
     def quantize(self, encodings: Float[Tensor, "N D"], teaches: Bool[Tensor, " N"], seed: int) -> Quantized:
-        """Quantise a batch by the codes as they are and, in training mode, then move them."""
-        n_teaching, moves = _count(teaches) if self.training else (0, False)
+        """Quantise a batch by the codes as they are and, in training mode, then move them.
+
+        The codes follow the encodings of all processes.
+        """
+        if self.training:
+            encodings, teaches = all_rows(encodings), all_rows(teaches)
+        n_teaching = int(teaches.sum()) if self.training else 0
         codes, commitment = self.nearest(encodings), encodings.new_zeros(())
         vectors = encodings + (self.vectors(codes) - encodings).detach()
-        if moves or (self.is_placed and teaches.any()):
+        if n_teaching or (self.is_placed and teaches.any()):
             self._revive_below(self.dead_code_threshold * n_teaching / self.vocabulary)
             with seeded(seed, encodings.device):
-                taught = self.levels(encodings[teaches][None], freeze_codebook=not moves)
+                taught = self.levels(encodings[teaches][None], freeze_codebook=not n_teaching)
             vectors[teaches], codes[teaches], commitment = taught[0][0], taught[1][0], taught[2].sum()
+        if self.training:
+            vectors, codes = own_rows(vectors), own_rows(codes)
         return Quantized(vectors, codes, commitment)
 
     def _revive_below(self, count: float) -> None:
@@ -186,8 +206,7 @@ class MovingCodebooks(Quantizer):
 
         The library takes a fixed count, below which in a small batch every code is.
         """
-        codebooks: list[Any] = [level._codebook for level in self.levels.layers]
-        for codebook in codebooks:
+        for codebook in self._codebooks:
             codebook.threshold_ema_dead_code = codebook.reset_cluster_size = count
 
 
@@ -254,19 +273,3 @@ def seeded(seed: int, device: torch.device) -> Iterator[None]:
         if on_gpu:
             torch.cuda.set_rng_state(torch.Generator(device).manual_seed(seed).get_state(), device)
         yield
-
-
-def _is_distributed() -> bool:
-    return torch.distributed.is_available() and torch.distributed.is_initialized()
-
-
-def _count(teaches: Bool[Tensor, " N"]) -> tuple[int, bool]:
-    """How many encodings teach in all processes together, and whether some do in each.
-
-    Processes move their common codebooks together or not at all.
-    """
-    counts = torch.stack((teaches.sum(), teaches.any().long()))
-    if not _is_distributed():
-        return int(counts[0]), bool(counts[1])
-    torch.distributed.all_reduce(counts)
-    return int(counts[0]), int(counts[1]) == torch.distributed.get_world_size()

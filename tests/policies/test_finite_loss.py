@@ -8,7 +8,7 @@ from policy_cases import CASES, history_batch, of_every_type
 from tiers import some
 
 from lerobot_act_chunking.errors import DatasetError
-from lerobot_act_chunking.policies.finite_loss import require_finite_loss
+from lerobot_act_chunking.policies.finite_loss import finite_terms
 
 
 def spoiled(policy, key, value):
@@ -44,11 +44,15 @@ def test_terms_may_be_finite_and_their_sum_not(case, weight):
 def test_an_extreme_input_is_named_before_the_weights():
     batch = {"action": torch.ones(2, 3), "observation.state": torch.tensor([[1.0, -2e7], [3.0, 4.0]])}
     with pytest.raises(DatasetError, match=r"'observation\.state' in the batch reaches 2e\+07"):
-        require_finite_loss(torch.tensor(math.inf), {"l1_loss": math.inf}, batch, batch)
+        finite_terms(torch.tensor(math.inf), {"l1_loss": math.inf}, batch, batch)
 
 
 def test_what_was_not_read_is_not_to_blame():
     batch = {"action": torch.ones(2, 3), "next.reward": torch.tensor([math.nan, 1.0])}
     with pytest.raises(DatasetError, match=r"all inputs are finite: .* lower --policy\.optimizer_lr"):
-        require_finite_loss(torch.tensor(math.nan), {}, batch, ["action"])
-    require_finite_loss(torch.tensor([1.0, 2.0]), {"l1_loss": 1.5}, batch, ["action"])
+        finite_terms(torch.tensor(math.nan), {}, batch, ["action"])
+    terms = {"l1_loss": torch.tensor(1.5), "commitment": 0.5}
+    assert finite_terms(torch.tensor([1.0, 2.0]), terms, batch, ["action"]) == {
+        "l1_loss": 1.5,
+        "commitment": 0.5,
+    }

@@ -12,7 +12,8 @@ from lerobot.utils.constants import HF_LEROBOT_HOME
 from lerobot_act_chunking.compat import check_one_average
 from lerobot_act_chunking.data.fast_chunks.reading import begin_run, is_ours
 from lerobot_act_chunking.data.missing_files import what_is_missing
-from lerobot_act_chunking.errors import DatasetError
+from lerobot_act_chunking.errors import ConfigurationError, DatasetError
+from lerobot_act_chunking.nn.processes import is_distributed
 
 HUB_ERRORS = (httpx.HTTPError, OfflineModeIsEnabled, LocalEntryNotFoundError)
 """What LeRobot raises if a dataset is neither on this machine nor on a hub that it can reach."""
@@ -27,7 +28,8 @@ def with_checks[Dataset](
     checked; nor are those that LeRobot's own policies train on.
 
     Returns:
-        The same function, except that it raises a ``DatasetError`` if there is no dataset.
+        The same function, except that it raises a ``DatasetError`` if there is no dataset, and a
+        ``ConfigurationError`` if it could not be read in this way.
     """
 
     @functools.wraps(make_dataset)
@@ -36,6 +38,7 @@ def with_checks[Dataset](
         if not is_ours(cfg.trainable_config):
             return make_dataset(cfg)
         check_one_average(cfg)
+        _check_streaming(cfg)
         try:
             return make_dataset(cfg)
         except HUB_ERRORS as error:
@@ -43,6 +46,22 @@ def with_checks[Dataset](
             raise _absent(cfg.dataset.repo_id, cfg.dataset.root, error) from None
 
     return make_checked_dataset
+
+
+def _check_streaming(cfg: TrainPipelineConfig) -> None:
+    """Refuse streams that LeRobot and accelerate cannot divide."""
+    if not cfg.dataset.streaming:
+        return
+    if not cfg.num_workers:
+        raise ConfigurationError(
+            "--dataset.streaming=true reads nothing with --num_workers=0, since LeRobot divides the dataset "
+            "among its worker processes: set --num_workers=1 or more"
+        )
+    if is_distributed():
+        raise ConfigurationError(
+            "--dataset.streaming=true trains in one process alone: accelerate cannot divide batches with "
+            "text in them, as LeRobot's have (the task): leave streaming out, or start one process"
+        )
 
 
 def _absent(repo_id: str, root: str | None, error: Exception) -> DatasetError:

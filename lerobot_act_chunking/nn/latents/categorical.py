@@ -7,6 +7,7 @@ from torch import Tensor
 from lerobot_act_chunking.nn.latents.latent import Latent, Posterior
 from lerobot_act_chunking.nn.latents.normal import select_component
 from lerobot_act_chunking.nn.latents.spec import LatentSpec
+from lerobot_act_chunking.nn.processes import mean_over_processes
 
 FIRST_TEMPERATURE, LAST_TEMPERATURE = 1.0, 0.3
 USAGE_RATE = 0.01  # of the moving average over training batches
@@ -68,7 +69,7 @@ class CategoricalLatent(Latent):
         hard = _one_hot(relaxed)
         if self.training:
             self.n_steps += 1
-            self.usage.lerp_(q.detach().mean(0).to(self.usage), USAGE_RATE)
+            self.usage.lerp_(mean_over_processes(q.detach().mean(0)).to(self.usage), USAGE_RATE)
         divergence = (q * (log_q - log_q.new_tensor(1 / self.dim).log())).sum(-1, keepdim=True)
         return Posterior(hard + relaxed - relaxed.detach(), divergence, q)
 

@@ -4,6 +4,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from lerobot_act_chunking.nn.buffers import CountsOnCpu
 from lerobot_act_chunking.nn.latents.gaussian import LOG_VARIANCE, split_normal
 from lerobot_act_chunking.nn.latents.latent import Latent, Posterior
 from lerobot_act_chunking.nn.latents.normal import (
@@ -13,12 +14,13 @@ from lerobot_act_chunking.nn.latents.normal import (
     select_component,
 )
 from lerobot_act_chunking.nn.latents.spec import LatentSpec
+from lerobot_act_chunking.nn.processes import all_rows
 
 N_REMEMBERED = 1024  # encodings that place the components
 SPREAD_RATE = 0.05  # of the moving average of posterior variances
 
 
-class MixtureLatent(Latent):
+class MixtureLatent(CountsOnCpu, Latent):
     """p(z) = sum of w_m N(mean_m, diagonal variance_m).
 
     Components that start at random places do not find the ways of acting. The prior therefore is N(0, I) for
@@ -33,6 +35,8 @@ class MixtureLatent(Latent):
         temperature: standard deviations are multiplied by it when sampling.
         uniform: fixed equal weights in place of learned ones.
     """
+
+    counts = ("n_seen", "n_steps")
 
     def __init__(
         self,
@@ -116,9 +120,9 @@ class MixtureLatent(Latent):
     def _learn_places(self, mean: Float[Tensor, "B L"], log_variance: Float[Tensor, "B L"]) -> None:
         """Remember encodings until the warm-up is over, then place the components.
 
-        Placing looks at remembered ones alone, not at this batch: ranks of a distributed run share buffers,
-        and must agree on the parameters.
+        All processes of a run remember the encodings of all: they must agree on the parameters.
         """
+        mean, log_variance = all_rows(mean), all_rows(log_variance)
         step = int(self.n_steps)
         self.n_steps += 1
         if step > self.warmup_steps:

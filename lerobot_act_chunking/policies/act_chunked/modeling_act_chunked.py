@@ -28,7 +28,7 @@ from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.batch_seeds import BatchSeeds
 from lerobot_act_chunking.policies.chunked_policy import Batch, ChunkedPolicy
 from lerobot_act_chunking.policies.continuing import given_actions
-from lerobot_act_chunking.policies.finite_loss import require_finite_loss
+from lerobot_act_chunking.policies.finite_loss import finite_terms
 
 
 class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
@@ -99,8 +99,7 @@ class ActChunkedPolicy(ChunkedPolicy[ActChunkedConfig, ActNetwork]):
             terms = {self.config.loss_name: loss.mean()}
         else:
             loss, terms = self.style_lesson(self._network, training_batch, generator)
-        metrics = dict(zip(terms, torch.stack(list(terms.values())).tolist(), strict=True))
-        require_finite_loss(loss, metrics, batch, self.feature_spec.keys)
+        metrics = finite_terms(loss, terms, batch, self.feature_spec.keys)
         loss = self._balanced(loss, batch)
         return (loss.mean() if reduction == "mean" else loss), metrics
 

@@ -2,18 +2,19 @@
 
 import torch
 from jaxtyping import Float
-from torch import Tensor, nn
+from torch import Tensor
 
-from lerobot_act_chunking.nn.buffers import keep_missing_buffers
+from lerobot_act_chunking.nn.buffers import CountsOnCpu, keep_missing_buffers
 from lerobot_act_chunking.nn.kl import KlSchedule, free_bits
 from lerobot_act_chunking.nn.latents.health import latent_metrics
+from lerobot_act_chunking.nn.processes import draw_rows
 from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
 from lerobot_act_chunking.policies.act_chunked.network import ActNetwork, TrainingBatch
 
 PRIOR_EVERY = 100  # training batches between two evaluations with the prior
 
 
-class VaeLoss(nn.Module):
+class VaeLoss(CountsOnCpu):
     """The loss of a policy with a latent: action loss + weight * KL (ACT, Zhao et al. 2023, section IV-C).
 
     In training mode the actions are decoded from the style that they show (the posterior), in evaluation mode
@@ -23,6 +24,8 @@ class VaeLoss(nn.Module):
       (in training every hundredth batch): the difference is what acting lacks;
     - ``kld_loss``, the divergence [nats], and the health of the latent (`latent_metrics`).
     """
+
+    counts = ("n_updates",)
 
     def __init__(self, config: ActChunkedConfig):
         super().__init__()
@@ -77,4 +80,4 @@ def _noise(network: ActNetwork, batch: TrainingBatch, generator: torch.Generator
     assert network.latent is not None  # noqa: S101
     tokens = batch.observation.tokens
     shape = (len(tokens), network.latent.n_noise)
-    return torch.randn(shape, generator=generator, device=tokens.device, dtype=tokens.dtype)
+    return draw_rows(torch.randn, shape, generator=generator, device=tokens.device, dtype=tokens.dtype)

@@ -127,8 +127,8 @@ class Denoising:
         doubled = self.guidance_scale != 1
         context = self._context(window, n_rows, doubled)
         denoiser = self.network.denoiser
-        times = times.to(context.modulation)
-        table = denoiser.modulate(times)  # what depends on the time, for all evaluations at once
+        times = times.to(context.modulation.dtype)
+        table = denoiser.modulate(times.to(context.modulation))  # for all evaluations at once
         of_x, of_output = (weights.tolist() for weights in self.process.clean_weights(times))
 
         def denoise(x: Tensor, i: int, modulation: Tensor | None = None) -> Tensor:
@@ -140,7 +140,7 @@ class Denoising:
         given, actions = prefix.frozen.unflatten(1, (-1, denoiser.patch_size)).all(-1), prefix.actions
         if doubled:
             given, actions = torch.cat([given, given]), torch.cat([actions, actions])
-        clean = denoiser.modulate(times.new_tensor([self.process.clean_time]))[:, None]
+        clean = denoiser.modulate(context.modulation.new_tensor([self.process.clean_time]))[:, None]
 
         def per_token(x: Tensor, i: int) -> Tensor:
             return denoise(x, i, torch.where(given[..., None], clean, table[i : i + 1, None]))
@@ -152,7 +152,7 @@ class Denoising:
         if not doubled:
             context = denoiser.observe(condition(window.vectors, window.images))
             return context.repeat(n_rows // window.batch_size)
-        row = torch.arange(2 * n_rows)
+        row = torch.arange(2 * n_rows, device=next(self.network.parameters()).device)
         window, drop = window.select(row % window.batch_size), row >= n_rows
         return denoiser.observe(condition(window.vectors, window.images, drop))
 

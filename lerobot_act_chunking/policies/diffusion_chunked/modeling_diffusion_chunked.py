@@ -22,7 +22,7 @@ from lerobot_act_chunking.policies.diffusion_chunked.denoising import Denoising,
 from lerobot_act_chunking.policies.diffusion_chunked.network import DiffusionNetwork, build_network
 from lerobot_act_chunking.policies.diffusion_chunked.samplers import ConfiguredSamplers, make_process
 from lerobot_act_chunking.policies.diffusion_chunked.training_noise import Draws, TrainingNoise
-from lerobot_act_chunking.policies.finite_loss import require_finite_loss
+from lerobot_act_chunking.policies.finite_loss import finite_terms
 from lerobot_act_chunking.sampling.noise import NoiseHold, NoiseSource
 from lerobot_act_chunking.sampling.samplers import Sampler
 
@@ -32,7 +32,8 @@ class DiffusionChunkedPolicy(ChunkedPolicy[DiffusionChunkedConfig, DiffusionNetw
 
     config_class = DiffusionChunkedConfig  # pyright: ignore[reportAssignmentType]
     name = "diffusion_chunked"  # pyright: ignore[reportAssignmentType]
-    _fsdp_wrap_modules = ["MixerBlock", "DitBlock", "ResidualBlock1d"]  # noqa: RUF012
+    # A DitBlock lends its layers to what comes before it, so it cannot be sharded alone.
+    _fsdp_wrap_modules = ["MixerBlock", "ResidualBlock1d"]  # noqa: RUF012
 
     def __init__(self, config: DiffusionChunkedConfig, **kwargs: Any):  # LeRobot asks for this annotation
         super().__init__(config, **kwargs)
@@ -74,8 +75,7 @@ class DiffusionChunkedPolicy(ChunkedPolicy[DiffusionChunkedConfig, DiffusionNetw
         if draws.prefix is not None:
             ignored = ignored | draws.prefix
         loss = per_sample_error(error, ignored, "valid")
-        metrics = {"mse_loss": loss.mean().item()}
-        require_finite_loss(loss, metrics, batch, self.feature_spec.keys)
+        metrics = finite_terms(loss, {"mse_loss": loss.mean()}, batch, self.feature_spec.keys)
         loss = self._balanced(loss, batch)
         return (loss.mean() if reduction == "mean" else loss), metrics
 

@@ -1,11 +1,13 @@
 """The random draws of training, which a resumed run goes on with."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from lerobot_act_chunking.nn.processes import draw_rows
 from lerobot_act_chunking.policies.batch_seeds import BatchSeeds
 from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked import (
     DiffusionChunkedConfig,
@@ -42,8 +44,12 @@ class TrainingNoise(BatchSeeds):
         """The draws for the next batch."""
         generator = self.next_generator(actions.device)
         return Draws(
-            time=self.process.draw_times(len(actions), actions, generator),
-            noise=torch.randn(actions.shape, generator=generator, device=actions.device, dtype=actions.dtype),
+            time=draw_rows(
+                lambda shape: self.process.draw_times(shape[0], actions, generator), (len(actions),)
+            ),
+            noise=draw_rows(
+                torch.randn, actions.shape, generator=generator, device=actions.device, dtype=actions.dtype
+            ),
             prefix=self._prefix(actions, generator) if self.config.prefix_steps else None,
             drop=self._drop(actions, generator) if self.config.dropout_of_left_out else None,
         )
@@ -51,7 +57,8 @@ class TrainingNoise(BatchSeeds):
     def _prefix(self, actions: Float[Tensor, "B T A"], generator: torch.Generator) -> Bool[Tensor, "B T"]:
         """As many first tokens as chance says, up to `prefix_tokens`."""
         device, longest = actions.device, self.config.prefix_tokens
-        n_tokens = torch.randint(longest + 1, (len(actions), 1), generator=generator, device=device)
+        draw = partial(torch.randint, longest + 1)
+        n_tokens = draw_rows(draw, (len(actions), 1), generator=generator, device=device)
         steps = torch.arange(actions.shape[1], device=device)
         return steps < n_tokens * self.config.actions_per_token
 
@@ -59,5 +66,5 @@ class TrainingNoise(BatchSeeds):
         """A share ``condition_dropout`` or ``language_dropout`` of the samples; none in evaluation."""
         if not self.training:
             return None
-        drawn = torch.rand(len(actions), generator=generator, device=actions.device)
+        drawn = draw_rows(torch.rand, (len(actions),), generator=generator, device=actions.device)
         return drawn < self.config.dropout_of_left_out

@@ -12,6 +12,7 @@ from lerobot_act_chunking.data.batch import Observation
 from lerobot_act_chunking.execution.executor import ChunkExecutor
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.nn.instruction import InstructionEmbedding
+from lerobot_act_chunking.nn.processes import draw_rows
 from lerobot_act_chunking.policies.batch_seeds import BatchSeeds
 from lerobot_act_chunking.policies.language.fields import INSTRUCTION
 from lerobot_act_chunking.policies.language.listener import Listener
@@ -69,7 +70,7 @@ class FollowsInstructions:
         if self.training and self.instruction_seeds is not None:
             device = next(self.model.parameters()).device
             generator = self.instruction_seeds.next_generator(device)
-            drawn = torch.rand(window.batch_size, generator=generator, device=device)
+            drawn = draw_rows(torch.rand, (window.batch_size,), generator=generator, device=device)
             drop = drawn < self.config.instruction_dropout
         return self._with(window, batch, lambda said: said, drop)
 

@@ -15,10 +15,11 @@ from lerobot_act_chunking.execution.plan import Plan
 from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.heads.codes import focal_loss
 from lerobot_act_chunking.nn.prefix import begun_with, draw_prefix
+from lerobot_act_chunking.nn.processes import counted_together, draw_rows
 from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.chunked_policy import Batch, ChunkedPolicy
 from lerobot_act_chunking.policies.continuing import given_actions
-from lerobot_act_chunking.policies.finite_loss import require_finite_actions, require_finite_loss
+from lerobot_act_chunking.policies.finite_loss import finite_terms, require_finite_actions
 from lerobot_act_chunking.policies.prefix import prefix_predictions
 from lerobot_act_chunking.policies.vqbet_chunked.configuration_vqbet_chunked import VqbetChunkedConfig
 from lerobot_act_chunking.policies.vqbet_chunked.network import VqbetNetwork, build_network
@@ -122,35 +123,36 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
         self._settle()
         target = ActionTarget.from_lerobot(batch, self.feature_spec, self.config.action_delta_indices)
         actions = hold_padding(target.actions, target.is_pad)
-        require_finite_actions(actions)
         chunks, is_pad = actions[:, self.windows], target.is_pad[:, self.windows]  # (B, Q, C, A), (B, Q, C)
-        losses, metrics, keys, rate = [], {}, (ACTION,), "optimizer_vqvae_lr"
+        losses, terms, keys, rate = [], {}, (ACTION,), "optimizer_vqvae_lr"
         if self.tokenizer_phase.joint or self.tokenizer_phase.comes_first:
-            loss, metrics = self._tokenizer_loss(chunks, is_pad)
+            require_finite_actions(actions)
+            loss, terms = self._tokenizer_loss(chunks, is_pad)
             losses.append(loss)
         if not losses or self.tokenizer_phase.joint:
             loss, of_policy = self._policy_loss(self._training_window(batch, target), chunks, is_pad)
             losses.append(loss)
-            metrics |= of_policy
+            terms |= of_policy
             keys, rate = self.feature_spec.keys, "optimizer_lr"
         loss = torch.stack(losses).sum(0)
-        require_finite_loss(loss, metrics, batch, keys, rate=rate)
+        metrics = finite_terms(loss, terms, batch, keys, rate=rate)
         loss = self._balanced(loss, batch)
         return (loss.mean() if reduction == "mean" else loss), metrics
 
     def _tokenizer_loss(
         self, chunks: Float[Tensor, "B Q C A"], is_pad: Bool[Tensor, "B Q C"]
-    ) -> tuple[Float[Tensor, " B"], dict[str, float]]:
+    ) -> tuple[Float[Tensor, " B"], dict[str, Tensor | float]]:
         learned = self.tokenizer_phase.learn(self.tokenizer, chunks.flatten(0, 1), is_pad.flatten(0, 1))
         loss = learned.loss.unflatten(0, chunks.shape[:2]).mean(1)
-        return loss, {"tokenizer_loss": loss.mean().item(), **learned.metrics}
+        return loss, {"tokenizer_loss": loss.mean(), **learned.metrics}
 
     def _policy_loss(
         self, window: Observation, chunks: Float[Tensor, "B Q C A"], is_pad: Bool[Tensor, "B Q C"]
-    ) -> tuple[Float[Tensor, " B"], dict[str, float]]:
+    ) -> tuple[Float[Tensor, " B"], dict[str, Tensor]]:
         config, network = self.config, self._network
         samples_and_queries = chunks.shape[:2]
-        codes = self.tokenizer.encode(chunks.flatten(0, 1))
+        finite = chunks.nan_to_num(nan=0, posinf=0, neginf=0)  # no code stands for others; the loss tells
+        codes = self.tokenizer.encode(finite.flatten(0, 1))
         given, ignored = None, is_pad
         if self.training and config.prefix_steps:
             current, generator = config.n_obs_steps - 1, self.tokenizer_phase.next_generator(chunks.device)
@@ -167,8 +169,7 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
         of_offsets = per_sample_error(error, ignored.flatten(1, 2), "valid")
         right = (logits.argmax(-1) == codes)[:, 0].float().mean()
         terms = {"code_loss": of_codes.mean(), "offset_loss": of_offsets.mean(), "code_accuracy": right}
-        metrics = dict(zip(terms, torch.stack(list(terms.values())).tolist(), strict=True))
-        return of_codes + config.offset_loss_weight * of_offsets, metrics
+        return of_codes + config.offset_loss_weight * of_offsets, terms
 
     def _code_weights(self, codes: Int64[Tensor, "N G"]) -> Float[Tensor, " G"]:
         """Weight of each code's loss: the first code's and the others', or the same for all."""
@@ -183,7 +184,7 @@ class VqbetChunkedPolicy(ChunkedPolicy[VqbetChunkedConfig, VqbetNetwork]):
         """Codes as acting would choose them."""
         generator = self.tokenizer_phase.next_generator(features.device)
         shape = (len(features), self.tokenizer.n_codes)
-        draws = torch.rand(shape, generator=generator, device=features.device)
+        draws = draw_rows(torch.rand, shape, generator=generator, device=features.device)
         return self._pick(features, draws)
 
     @torch.no_grad()
@@ -296,4 +297,4 @@ def _settle(policy: VqbetChunkedPolicy, _incompatible: Any) -> None:
 
 def _weighted(loss: Float[Tensor, "B Q"], weight: Float[Tensor, "B Q"]) -> Float[Tensor, " B"]:
     """Losses per sample whose mean over the batch is the weighted mean over all queries."""
-    return (loss * weight).sum(1) * len(loss) / weight.sum().clamp_min(1e-6)
+    return (loss * weight).sum(1) * len(loss) / counted_together(weight.sum()).clamp_min(1e-6)

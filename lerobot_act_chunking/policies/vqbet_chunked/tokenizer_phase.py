@@ -16,6 +16,8 @@ class TokenizerPhase(BatchSeeds):
         joint: it goes on learning beside the policy, to the end.
     """
 
+    counts = (*BatchSeeds.counts, "n_learned")
+
     def __init__(self, n_steps: int, *, joint: bool):
         super().__init__()
         self.n_steps = n_steps

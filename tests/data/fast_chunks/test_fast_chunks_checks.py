@@ -19,10 +19,11 @@ from lerobot.policies.act.configuration_act import ACTConfig
 from lerobot_sets import REPO_ID
 from policy_cases import any_config
 
+from lerobot_act_chunking.data.fast_chunks import checks
 from lerobot_act_chunking.data.fast_chunks.checks import with_checks
 from lerobot_act_chunking.data.fast_chunks.dataset import FastChunkDataset
 from lerobot_act_chunking.data.fast_chunks.reading import with_reading
-from lerobot_act_chunking.errors import DatasetError
+from lerobot_act_chunking.errors import ConfigurationError, DatasetError
 
 
 @pytest.fixture(autouse=True)
@@ -69,6 +70,18 @@ def damage(states, tmp_path):
 def test_sound_datasets_pass(states, images):
     assert len(make(states)) == 17
     assert len(make(images)) == 17
+
+
+def test_streams_that_could_not_be_divided_are_refused(states, monkeypatch):
+    run = config(states, streaming=True)
+    run.num_workers = 0
+    with pytest.raises(ConfigurationError, match="set --num_workers=1 or more"):
+        with_checks(factory.make_dataset)(run)
+    run.num_workers = 1
+    assert len(list(with_checks(factory.make_dataset)(run))) == 17
+    monkeypatch.setattr(checks, "is_distributed", lambda: True)
+    with pytest.raises(ConfigurationError, match="trains in one process alone"):
+        with_checks(factory.make_dataset)(run)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
