@@ -1,8 +1,8 @@
 """The observations that a policy of ``n_obs_steps`` acts on."""
 
 from lerobot_act_chunking.data.batch import Observation
+from lerobot_act_chunking.execution.environments import Environments
 from lerobot_act_chunking.execution.history import ObservationHistory
-from lerobot_act_chunking.execution.timeline import Environments
 
 
 class ObservationWindow:

@@ -13,8 +13,8 @@ from typing import Any, Literal, get_args, get_origin
 from lerobot.configs import PreTrainedConfig
 from lerobot.utils.import_utils import register_third_party_plugins
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.errors import unknown_choice
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.heads.spec import HeadSpec
 from lerobot_act_chunking.policies.choices import choices_of
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
