@@ -24,6 +24,7 @@ from lerobot_act_chunking.policies.limit_fields import LimitFields
 from lerobot_act_chunking.ranges import RANGES, Range
 
 PACKAGE = "lerobot_act_chunking."
+DOCUMENTED = (PACKAGE, "act_chunking_runtime.")
 GROUPS = ("this policy", "all policies of this package", "chunk execution")
 NOTHING = "null"
 _PARTS = (ExecutionSettings, HeadSpec)  # what docstrings refer to by "see `HeadSpec`"
@@ -183,7 +184,7 @@ def _meanings(config_class: type) -> dict[str, str]:
     """What the docstrings of a configuration and of its bases say of each field; the nearest counts."""
     found: dict[str, str] = {}
     for each in (*config_class.__mro__, *_PARTS):
-        if each.__module__.startswith(PACKAGE):
+        if each.__module__.startswith(DOCUMENTED):
             for name, text in _entries(each).items():
                 if not text.startswith("see `"):
                     found.setdefault(name, text)
