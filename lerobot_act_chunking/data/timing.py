@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
+from act_chunking_runtime.number_checks import check_at_least
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.number_checks import check_at_least
 
 MOST_STEPS = 100_000  # half an hour at 50 Hz; what is executed and observed is kept step by step
 

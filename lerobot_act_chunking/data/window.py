@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 from lerobot_act_chunking.data.batch import Observation
+from lerobot_act_chunking.execution.environments import Environments
 from lerobot_act_chunking.execution.history import ObservationHistory
-from lerobot_act_chunking.execution.timeline import Environments
 
 
 class ObservationWindow:

@@ -12,6 +12,7 @@ from lerobot.utils.feature_utils import build_dataset_frame
 from rich.console import Console
 from rich.markup import escape
 
+from act_chunking_runtime.number_checks import check_positive
 from lerobot_act_chunking.data.actions import require_dataset
 from lerobot_act_chunking.diagnostics.core.fit import (
     Finding,
@@ -26,7 +27,6 @@ from lerobot_act_chunking.diagnostics.core.robots import make_robot, robot_featu
 from lerobot_act_chunking.diagnostics.core.terminal import COLOURS, print_verdict, table_of
 from lerobot_act_chunking.diagnostics.core.training import read_training
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.number_checks import check_positive
 from lerobot_act_chunking.policies.loading import LoadedPolicy, load_policy
 from lerobot_act_chunking.policies.trained_on import TrainedOn, wrong_rate
 

@@ -1,1 +1,1 @@
-"""From predicted chunks to one action per control step. Tensors in, tensors out."""
+"""From predicted chunks to one action per control step. Tensors around `act_chunking_runtime`."""

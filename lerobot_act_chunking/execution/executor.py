@@ -1,24 +1,20 @@
-"""When to ask for a new chunk, and for which environments."""
+"""`act_chunking_runtime.executor` for tensors, on any device and in any precision."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from contextlib import ExitStack
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from lerobot_act_chunking.execution.adaptive import AdaptiveEnsemble
-from lerobot_act_chunking.execution.coherence import most_coherent
-from lerobot_act_chunking.execution.settings import ExecutionSettings
-from lerobot_act_chunking.execution.smoothing import moving_mean
-from lerobot_act_chunking.execution.timeline import (
-    CrossFade,
-    Environments,
-    NewestChunk,
-    TemporalEnsemble,
-    Timeline,
-)
+from act_chunking_runtime.background import make_executor
+from act_chunking_runtime.executor import ChunkEvent
+from act_chunking_runtime.settings import ExecutionSettings
+from lerobot_act_chunking.execution.arrays import array_of
+from lerobot_act_chunking.execution.environments import Environments
+
+CAST = ("cuda", "cpu")  # devices that may compute in another precision
 
 # Gives the chunks (n, T, A) that start now for the environments asked for (None: all); (N, n, T, A) if the
 # mode chooses among N samples.
@@ -28,46 +24,37 @@ Predict = Callable[[Environments], Float[Tensor, "*N n T A"]]
 Prepare = Callable[[Environments, int], Callable[[], Float[Tensor, "*N n T A"]]]
 
 
-@dataclass(frozen=True)
-class ChunkEvent:
-    """A chunk was taken in.
-
-    Attributes:
-        step: control steps since the executor's last full reset.
-        envs: the environments it is for; None for all.
-        chunk: (n, T, A) as the policy predicted it.
-    """
-
-    step: int
-    envs: Environments
-    chunk: Tensor
-
-
 class ChunkExecutor:
     """Asks for a chunk every ``replan_interval`` control steps and executes as ``settings`` say in between.
 
     All environments of a batch advance together, but each may be reset alone, and only those that need a new
-    chunk are asked for one. A different batch size can only mean another rollout, so it starts afresh.
+    chunk are asked for one. A different batch size can only mean another rollout, so it starts afresh. With
+    ``background`` chunks are computed in a thread. Actions have the device and the precision of the chunks.
 
     Attributes:
-        settings: how chunks are executed.
+        arrays: the executor of the runtime, which does the work.
         on_chunk: called with every chunk taken in, for instruments.
     """
 
     def __init__(self, settings: ExecutionSettings):
-        self.settings = settings
-        self.on_chunk: Callable[[ChunkEvent], None] | None = None
-        self._timeline = make_timeline(settings)
-        self.reset()
+        self.arrays = make_executor(settings)
+        self.arrays.on_chunk = self._tell
+        self.on_chunk: Callable[[ChunkEvent[Tensor]], None] | None = None
+        self._like = torch.empty(0)
+
+    @property
+    def settings(self) -> ExecutionSettings:
+        """How chunks are executed."""
+        return self.arrays.settings
 
     @property
     def n_steps(self) -> int:
         """Control steps since the last full reset."""
-        return self._step
+        return self.arrays.n_steps
 
     def __len__(self) -> int:
         """Control steps left before the next chunk is asked for."""
-        return max(0, self._first_due - self._step)
+        return len(self.arrays)
 
     def reset(self, envs: Tensor | Sequence[int] | None = None) -> None:
         """Start a new rollout, in all environments (equal to a fresh executor) or in these alone.
@@ -75,13 +62,7 @@ class ChunkExecutor:
         Args:
             envs: their indices, or a mask over all.
         """
-        if envs is None:
-            self._start(0)
-        elif len(self._due_at):
-            envs = torch.as_tensor(envs, device="cpu")
-            envs = envs.nonzero()[:, 0] if envs.dtype == torch.bool else envs.to(torch.int64)
-            self._schedule(envs, self._step)
-            self._timeline.reset(envs)
+        self.arrays.reset(None if envs is None else np.asarray(torch.as_tensor(envs, device="cpu")))
 
     def clear(self, envs: Environments = None) -> None:
         """Drop the actions that wait: the next step asks for a chunk in these environments; None for all.
@@ -89,23 +70,7 @@ class ChunkExecutor:
         All else goes on: time, what was executed, what was learned from the rollout. LeRobot's
         ``drop_queued_actions`` calls this when the instruction changes within an episode.
         """
-        if len(self._due_at) or envs is None:
-            self._schedule(envs, self._step)
-            self._timeline.clear(envs)
-
-    def _start(self, batch_size: int) -> None:
-        self._due_at = np.zeros(batch_size, dtype=np.int64)  # (B,) the step of each next chunk
-        self._first_due = self._last_due = self._step = 0
-        self._timeline.reset()
-
-    def _schedule(self, envs: Environments, step: int) -> None:
-        """Ask for the next chunk of these environments at that step."""
-        if envs is None:
-            self._due_at.fill(step)
-            self._first_due = self._last_due = step
-        else:
-            self._due_at[envs.numpy()] = step
-            self._first_due, self._last_due = int(self._due_at.min()), int(self._due_at.max())
+        self.arrays.clear(None if envs is None else envs.numpy())
 
     def step(self, predict: Predict, batch_size: int) -> Float[Tensor, "B A"]:
         """The action of this control step.
@@ -117,29 +82,26 @@ class ChunkExecutor:
         Raises:
             ValueError: a chunk is shorter than ``n_action_steps``, or not for the environments asked for.
         """
-        if batch_size != len(self._due_at):
-            self._start(batch_size)
-        if self._step >= self._first_due:
-            envs = self._due()
-            self.add(predict(envs), envs, self.settings.latency_steps)
-        return self.pop()
+        action = self.arrays.step(lambda envs: self._taken(predict(_indices(envs))), batch_size)
+        return self._given(action)
 
     def advance(self, prepare: Prepare, batch_size: int) -> Float[Tensor, "B A"]:
         """The action of this control step, as `step`, of a policy whose chunks may be computed elsewhere.
 
         Args:
-            prepare: called only if a chunk is due.
+            prepare: called only if a chunk is due, and with ``background`` none is being computed.
             batch_size: number of environments now.
 
         Raises:
             ValueError: as `step`.
+            ConfigurationError: with ``background``, several environments, or chunks that come too late.
         """
-        return self.step(lambda envs: prepare(envs, self.settings.latency_steps)(), batch_size)
 
-    def _due(self) -> Environments:
-        if self._step >= self._last_due:
-            return None
-        return torch.from_numpy(np.flatnonzero(self._due_at <= self._step))
+        def prepared(envs: np.ndarray | None, delay: int) -> Callable[[], np.ndarray]:
+            compute = _as_here(prepare(_indices(envs), delay))
+            return lambda: self._taken(compute())
+
+        return self._given(self.arrays.advance(prepared, batch_size))
 
     def add(self, chunk: Float[Tensor, "*N n T A"], envs: Environments = None, delay: int = 0) -> None:
         """Take in a chunk whose first action is for the current step; for callers who keep time themselves.
@@ -152,80 +114,47 @@ class ChunkExecutor:
         Raises:
             ValueError: as `step`.
         """
-        self._check(chunk, envs)
-        if chunk.ndim == 4:
-            plan, covered = self._timeline.plan(envs)
-            chunk = most_coherent(chunk, plan, covered) if plan.numel() else chunk[0]
-        if not len(self._due_at):
-            self._start(len(chunk))
-        used = chunk[:, : self.settings.n_action_steps]
-        smooth = moving_mean(used, self.settings.smoothing_steps, self.settings.gripper_dims)
-        self._timeline.add(smooth, envs, delay)
-        self._schedule(envs, self._step + self.settings.replan_interval)
-        if self.on_chunk is not None:
-            self.on_chunk(ChunkEvent(self._step, envs, chunk))
-
-    def add_late(self, chunk: Float[Tensor, "*N n T A"], age: int) -> None:
-        """Take in a chunk for all environments, whose first action was for ``age`` steps ago.
-
-        What comes of it is what ``latency_steps=age`` says: the same as `add` with that delay in time.
-
-        Args:
-            chunk: as from ``predict``.
-            age: control steps since its observation, fewer than ``n_action_steps``.
-
-        Raises:
-            ValueError: as `step`.
-        """
-        self._step -= age
-        try:
-            with self._timeline.rewound(age):
-                self.add(chunk, None, age)
-        finally:
-            self._step += age
+        self.arrays.add(self._taken(chunk), None if envs is None else envs.cpu().numpy(), delay)
 
     def pop(self) -> Float[Tensor, "B A"]:
         """The action of the current step; the last one is held if no chunk covers it."""
-        action = self._timeline.pop()
-        self._step += 1
-        return action
+        return self._given(self.arrays.pop())
 
     def plan(self, envs: Environments = None) -> tuple[Float[Tensor, "n T A"], Bool[Tensor, "r T"]]:
         """What would be executed from the current step on without a further chunk, and the steps it covers.
 
         Empty before the first chunk. Covered has one row for all environments, or one for each.
         """
-        return self._timeline.plan(envs)
+        steps, covered = self.arrays.plan(None if envs is None else envs.cpu().numpy())
+        return torch.from_numpy(steps.copy()).to(self._like.device), torch.from_numpy(covered)
 
-    def _check(self, chunk: Tensor, envs: Environments) -> None:
-        *_, n_chunks, length, n_dims = chunk.shape
-        needed = self.settings.n_action_steps
-        if length < needed:
-            raise ValueError(f"a chunk of {length} actions is too short for n_action_steps={needed}")
-        expected = len(self._due_at if envs is None else envs) or n_chunks
-        if n_chunks != expected:
-            raise ValueError(f"{n_chunks} chunks for {expected} environments")
-        if envs is not None and not len(self._due_at):
-            raise ValueError("the first chunks of a rollout must be for all environments: envs=None")
-        if max(self.settings.gripper_dims, default=-1) >= n_dims:
-            dims = list(self.settings.gripper_dims)
-            raise ValueError(f"gripper_dims={dims} go beyond the {n_dims} action dimensions")
+    def _taken(self, chunk: Tensor) -> np.ndarray:
+        self._like = chunk.new_empty(0)
+        return array_of(chunk)
+
+    def _given(self, array: np.ndarray) -> Tensor:
+        return torch.from_numpy(array).to(self._like)
+
+    def _tell(self, event: ChunkEvent[np.ndarray]) -> None:
+        if self.on_chunk is not None:
+            self.on_chunk(ChunkEvent(event.step, _indices(event.envs), self._given(event.chunk)))
 
 
-def make_timeline(settings: ExecutionSettings) -> Timeline:
-    """The timeline that executes chunks as ``settings`` say."""
-    T, held = settings.n_action_steps, settings.gripper_dims
-    if settings.execution == "ensemble":
-        return TemporalEnsemble(T, settings.weight_growth, held)
-    if settings.execution == "adaptive":
-        return AdaptiveEnsemble(
-            T,
-            settings.weight_growth,
-            settings.adaptive_kernel or "gate",
-            settings.adaptive_scale or 1.0,
-            settings.overlapping_chunks,
-            held,
-        )
-    if settings.execution == "crossfade":
-        return CrossFade(T, settings.crossfade_steps or 1, held)
-    return NewestChunk(T, held)
+def _indices(envs: np.ndarray | None) -> Environments:
+    return None if envs is None else torch.from_numpy(envs)
+
+
+def _as_here[R](compute: Callable[[], R]) -> Callable[[], R]:
+    """The same computation in this thread's modes of PyTorch, which another thread does not have."""
+    grad = torch.is_grad_enabled()
+    casts = {kind: torch.get_autocast_dtype(kind) for kind in CAST if torch.is_autocast_enabled(kind)}
+
+    def run() -> R:
+        with ExitStack() as modes:
+            modes.enter_context(torch.inference_mode(False))
+            modes.enter_context(torch.set_grad_enabled(grad))
+            for kind, dtype in casts.items():
+                modes.enter_context(torch.autocast(kind, dtype))
+            return compute()
+
+    return run

@@ -4,7 +4,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from lerobot_act_chunking.execution.settings import ExecutionSettings
+from act_chunking_runtime.settings import ExecutionSettings
 
 BLENDING = ("crossfade", "ensemble", "adaptive")
 LEAST = 5  # control steps of a transition where the old chunk is too short for one: it holds its last action

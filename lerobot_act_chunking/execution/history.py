@@ -4,7 +4,7 @@ import torch
 from jaxtyping import Bool
 from torch import Tensor
 
-from lerobot_act_chunking.execution.timeline import Environments
+from lerobot_act_chunking.execution.environments import Environments
 
 
 class ObservationHistory:

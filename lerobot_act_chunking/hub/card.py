@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 from huggingface_hub import ModelCard
 
-from lerobot_act_chunking.execution.settings import ExecutionSettings
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.hub.routing import LOCAL_HUB
 
 _EXECUTION = {

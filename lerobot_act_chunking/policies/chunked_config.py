@@ -12,11 +12,11 @@ from lerobot.optim.schedulers import (
 )
 from lerobot.utils.constants import ACTION, OBS_STATE
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.data.batch import FeatureSpec
 from lerobot_act_chunking.data.episode_modes import require_recorded_modes
 from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.errors import ConfigurationError, FeatureError
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.policies.camera_fields import RANDOM_BACKBONE, CameraFields
 from lerobot_act_chunking.policies.dataset_reading import DatasetReading, Features
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields, check_gripper_dims

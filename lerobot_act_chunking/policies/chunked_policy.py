@@ -14,9 +14,9 @@ from torch import Tensor, nn
 from lerobot_act_chunking.data.batch import ActionTarget, Observation, has_time_axis
 from lerobot_act_chunking.data.window import ObservationWindow
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.execution.background import make_executor
+from lerobot_act_chunking.execution.environments import Environments
+from lerobot_act_chunking.execution.executor import ChunkExecutor
 from lerobot_act_chunking.execution.interpolation import upsample
-from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.nn.ema import WeightAverage
 from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.averages import adopt_average
@@ -249,7 +249,7 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](
             if hasattr(self, "_action_queue"):
                 self._action_queue.reset()  # waits for a chunk that is being computed
             # LeRobot and its tools look for a queue under this name to learn when the next inference is due.
-            self._action_queue = make_executor(self.config.execution_settings)
+            self._action_queue = ChunkExecutor(self.config.execution_settings)
             self._window = self._fresh_window()
             self._forget_instructions()
             every_frame = 1 < self.config.n_obs_steps >= self.config.execution_settings.replan_interval

@@ -5,12 +5,12 @@ from typing import Any
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.execution.environments import Environments
 from lerobot_act_chunking.execution.executor import ChunkExecutor
 from lerobot_act_chunking.execution.handover import hand_over
 from lerobot_act_chunking.execution.plan import Plan, covered_steps
-from lerobot_act_chunking.execution.settings import ExecutionSettings
-from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.nn.prefix import GivenActions
 from lerobot_act_chunking.policies import late_chunks
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, fields
 
 from lerobot.configs import PolicyFeature
 
+from act_chunking_runtime.settings import ExecutionSettings, Kernel, Mode, Weighting
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.execution.settings import ExecutionSettings, Kernel, Mode, Weighting
 
 
 @dataclass

@@ -71,8 +71,15 @@ def limits_of(config: Any, scale: Tensor, offset: Tensor) -> ActionLimits:
         if not known.largest_change:
             raise _unknown(f"max_speed={config.max_speed}", "speed", "max_speed=null")
         change = config.max_speed * torch.tensor(np.array(known.largest_change)).to(scale)
-    names = known.names.get(ACTION) or [f"action {dim}" for dim in range(len(scale))]
+    names = action_names(config)
     return ActionLimits(names, low=low, high=high, change=change, scale=scale, offset=offset)
+
+
+def action_names(config: Any) -> list[str]:
+    """Of the action's dimensions, as the demonstrations have them, or else by number."""
+    (n_dims,) = config.action_feature.shape
+    known = config.trained_on or TrainedOn()
+    return list(known.names.get(ACTION) or (f"action {dim}" for dim in range(n_dims)))
 
 
 def _unknown(setting: str, what: str, otherwise: str) -> ConfigurationError:
@@ -102,10 +109,21 @@ def action_units(path: str | Path, n_dims: int, **source: Any) -> tuple[Tensor, 
             to_output=transition_to_policy_action,
             **source,
         )
-        zero, one, opposite = (postprocessor(torch.full((1, n_dims), value))[0] for value in (0.0, 1.0, -1.0))
-    if not torch.allclose(one + opposite, 2 * zero, rtol=1e-4, atol=1e-5):
+        units = scale_and_offset(postprocessor, n_dims)
+    if units is None:
         raise ConfigurationError(
             f"{path}: its processors do more to actions than to scale and shift them, so what the robot gets "
             "cannot be limited here: set action_limits=none and max_speed=null"
         )
-    return one - zero, zero
+    return units
+
+
+def scale_and_offset(
+    postprocessor: Any, n_dims: int, dtype: torch.dtype = torch.float32
+) -> tuple[Tensor, Tensor] | None:
+    """What a postprocessor makes of normalised actions, (A,) each; None if it does more than that."""
+    zero, one, opposite = (
+        postprocessor(torch.full((1, n_dims), value, dtype=dtype))[0] for value in (0.0, 1.0, -1.0)
+    )
+    linear = torch.allclose(one + opposite, 2 * zero, rtol=1e-4, atol=1e-5)
+    return (one - zero, zero) if linear else None

@@ -63,11 +63,12 @@ def _batch_of_one(observation: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def load_policy(path: str | Path) -> LoadedPolicy:
+def load_policy(path: str | Path, settings: Sequence[str] = ()) -> LoadedPolicy:
     """Load a checkpoint of any policy type, ours, LeRobot's or another plugin's.
 
     Args:
         path: checkpoint folder (``…/pretrained_model``) or repo id.
+        settings: to change in it, as in ``n_action_steps=10``.
 
     Raises:
         ConfigurationError: there is no checkpoint, or a file of it is missing or damaged.
@@ -75,7 +76,7 @@ def load_policy(path: str | Path) -> LoadedPolicy:
     from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 
     path = str(path)
-    config = read_config(path)
+    config = read_config(path, settings)
     check_complete(path, config.type)
     with explained(path):
         policy = get_policy_class(config.type).from_pretrained(path, config=config)

@@ -13,8 +13,8 @@ from typing import Any, Literal, get_args, get_origin
 from lerobot.configs import PreTrainedConfig
 from lerobot.utils.import_utils import register_third_party_plugins
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.errors import unknown_choice
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.heads.spec import HeadSpec
 from lerobot_act_chunking.policies.choices import choices_of
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
@@ -24,6 +24,7 @@ from lerobot_act_chunking.policies.limit_fields import LimitFields
 from lerobot_act_chunking.ranges import RANGES, Range
 
 PACKAGE = "lerobot_act_chunking."
+DOCUMENTED = (PACKAGE, "act_chunking_runtime.")
 GROUPS = ("this policy", "all policies of this package", "chunk execution")
 NOTHING = "null"
 _PARTS = (ExecutionSettings, HeadSpec)  # what docstrings refer to by "see `HeadSpec`"
@@ -183,7 +184,7 @@ def _meanings(config_class: type) -> dict[str, str]:
     """What the docstrings of a configuration and of its bases say of each field; the nearest counts."""
     found: dict[str, str] = {}
     for each in (*config_class.__mro__, *_PARTS):
-        if each.__module__.startswith(PACKAGE):
+        if each.__module__.startswith(DOCUMENTED):
             for name, text in _entries(each).items():
                 if not text.startswith("see `"):
                     found.setdefault(name, text)

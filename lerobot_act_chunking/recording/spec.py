@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from act_chunking_runtime.number_checks import check_at_least
 from lerobot_act_chunking.envs.aloha.options import AlohaSimOptions
 from lerobot_act_chunking.envs.demonstration import ExpertOptions
 from lerobot_act_chunking.envs.robotics.options import RoboticsOptions
 from lerobot_act_chunking.envs.so_arm.options import SoArmOptions
 from lerobot_act_chunking.envs.three_gates.options import ThreeGatesOptions
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
-from lerobot_act_chunking.number_checks import check_at_least
 from lerobot_act_chunking.recording.aloha import AlohaSource
 from lerobot_act_chunking.recording.robotics import RoboticsSource
 from lerobot_act_chunking.recording.simulated import SimulatedSource

@@ -12,8 +12,8 @@ from torch import Tensor
 Denoise = Callable[[Float[Tensor, "B T A"], int], Float[Tensor, "B T A"]]
 """(x, i) -> x0: the clean actions as estimated from x in evaluation i, at time ``times[i]``; unclipped."""
 
-Generators = Sequence[torch.Generator] | torch.Generator | None
-"""One for each row of the batch, one for all, or none where nothing is drawn."""
+Generators = Sequence[torch.Generator] | torch.Generator | Callable[[Tensor], Tensor] | None
+"""One for each row of the batch, one for all, what gives noise like x, or none where nothing is drawn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +126,8 @@ def draw_like(x: Float[Tensor, "B *S"], generators: Generators) -> Float[Tensor,
     """
     if generators is None:
         raise ValueError("this sampler draws noise in every step: pass it a generator for each environment")
+    if callable(generators):
+        return generators(x)
     if isinstance(generators, torch.Generator):
         return torch.randn(x.shape, generator=generators, dtype=x.dtype, device=generators.device).to(
             x.device

@@ -22,4 +22,4 @@ class TwoStepSampler(Sampler):
     ) -> Float[Tensor, "B T A"]:
         """The actions; see `Sampler`."""
         draft = self._clipped(denoise(torch.zeros_like(x), 0))
-        return self._clipped(denoise(draft * float(self.times[1]), 1))
+        return self._clipped(denoise(draft * self.times[1], 1))

@@ -2,8 +2,8 @@
 
 from typing import Any
 
+from act_chunking_runtime.number_checks import check_at_least
 from lerobot_act_chunking.errors import look_up
-from lerobot_act_chunking.number_checks import check_at_least
 from lerobot_act_chunking.ranges import check_ranges
 from lerobot_act_chunking.tokenizers.dct import DctTokenizer
 from lerobot_act_chunking.tokenizers.fsq import FsqTokenizer

@@ -21,7 +21,9 @@ from packaging.requirements import Requirement
 from lerobot_act_chunking.cli.main import app
 
 ROOT = Path(__file__).parents[2]
-SOURCES = sorted((ROOT / "lerobot_act_chunking").rglob("*.py"))
+SOURCES = sorted(
+    file for name in ("lerobot_act_chunking", "act_chunking_runtime") for file in (ROOT / name).rglob("*.py")
+)
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 ENDS = re.compile(r"[`;|&#\n]|\s(?:and|or|with|needs|makes|shows|reads)\s|[.,:)]\s|\. |…")
 OURS = re.compile(r"\bact-chunking (?!did )")

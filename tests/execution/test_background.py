@@ -6,10 +6,10 @@ import pytest
 import torch
 from execution_cases import Stream, T, rollout
 
+from act_chunking_runtime.background import PATIENCE
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.execution.background import PATIENCE, BackgroundExecutor, make_executor
 from lerobot_act_chunking.execution.executor import ChunkExecutor
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 
 MODES = {
     "receding": {"execution": "receding"},
@@ -45,8 +45,8 @@ def prepared(stream, delays=None):
 
 def wait(executor):
     """Until what is being computed is there."""
-    if executor._awaited is not None:
-        executor._awaited.future.result()
+    if executor.arrays._awaited is not None:
+        executor.arrays._awaited.future.result()
 
 
 def late_rollout(executor, stream, n_steps, age):
@@ -76,7 +76,7 @@ def test_a_chunk_that_comes_late_is_one_with_so_much_latency(mode, age):
     changes = MODES[mode]
     samples = (2,) if "n_samples" in changes else ()
     late = late_rollout(
-        BackgroundExecutor(settings(background=True, **changes)), one_robot(samples=samples), 45, age
+        ChunkExecutor(settings(background=True, **changes)), one_robot(samples=samples), 45, age
     )
     expected = rollout(ChunkExecutor(settings(latency_steps=age, **changes)), one_robot(samples=samples), 45)
     torch.testing.assert_close(late, expected, rtol=0, atol=1e-14)
@@ -84,7 +84,7 @@ def test_a_chunk_that_comes_late_is_one_with_so_much_latency(mode, age):
 
 def test_no_step_but_the_first_waits_and_the_last_action_is_held_beyond_the_plan():
     stream, gate = one_robot(), threading.Event()
-    executor = BackgroundExecutor(settings(execution="receding", background=True))
+    executor = ChunkExecutor(settings(execution="receding", background=True))
 
     def prepare(envs, delay):
         chunk, first = stream(envs), not len(stream.calls[:-1])
@@ -102,26 +102,27 @@ def test_no_step_but_the_first_waits_and_the_last_action_is_held_beyond_the_plan
 
 def test_the_next_chunk_is_expected_by_the_longest_of_the_last_delays():
     delays, stream = [], one_robot()
-    executor = BackgroundExecutor(settings(execution="receding", background=True, latency_steps=2))
+    executor = ChunkExecutor(settings(execution="receding", background=True, latency_steps=2))
     for stream.step in range(8):
         executor.advance(prepared(stream, delays), 1)
         wait(executor)
     assert delays == [0, 2, 1]
-    assert list(executor.delays) == [1, 1]
+    assert list(executor.arrays.delays) == [1, 1]
 
 
 def test_a_policy_that_is_always_too_slow_ends_the_rollout_with_the_ways_out():
     stream = one_robot()
-    executor = BackgroundExecutor(settings(execution="receding", background=True))
+    executor = ChunkExecutor(settings(execution="receding", background=True))
 
     def slow_rollout():
         for stream.step in range(60):
             executor.advance(prepared(stream), 1)
-            if executor._awaited is not None and stream.step - executor._awaited.step < 2 * T - 1:
-                executor._take_in = lambda: None
+            awaited = executor.arrays._awaited
+            if awaited is not None and stream.step - awaited.step < 2 * T - 1:
+                executor.arrays._take_in = lambda: None
             else:
                 wait(executor)
-                executor.__dict__.pop("_take_in", None)
+                executor.arrays.__dict__.pop("_take_in", None)
 
     with pytest.raises(
         ConfigurationError, match=f"{PATIENCE} chunks in a row.*n_action_steps=10.*background=false"
@@ -131,7 +132,7 @@ def test_a_policy_that_is_always_too_slow_ends_the_rollout_with_the_ways_out():
 
 def test_an_error_in_the_thread_ends_the_rollout():
     stream = one_robot()
-    executor = BackgroundExecutor(settings(execution="receding", background=True))
+    executor = ChunkExecutor(settings(execution="receding", background=True))
 
     def prepare(envs, delay):
         chunk = stream(envs)
@@ -149,7 +150,7 @@ def test_an_error_in_the_thread_ends_the_rollout():
 @pytest.mark.parametrize("forget", ["reset", "clear"])
 def test_what_is_being_computed_is_waited_for_and_dropped(forget):
     stream, finished, gate = one_robot(), [], threading.Event()
-    executor = BackgroundExecutor(settings(execution="receding", background=True))
+    executor = ChunkExecutor(settings(execution="receding", background=True))
 
     def prepare(envs, delay):
         chunk, step = stream(envs), stream.step
@@ -180,14 +181,14 @@ def test_what_is_being_computed_is_waited_for_and_dropped(forget):
 
 
 def test_several_environments_are_refused():
-    executor = make_executor(settings(execution="receding", background=True))
+    executor = ChunkExecutor(settings(execution="receding", background=True))
     with pytest.raises(ConfigurationError, match="one robot, not for 2 environments: set background=false"):
         executor.advance(prepared(one_robot()), 2)
 
 
 def test_the_thread_computes_in_the_modes_of_its_caller():
     seen, stream = [], one_robot()
-    executor = BackgroundExecutor(settings(execution="receding", background=True))
+    executor = ChunkExecutor(settings(execution="receding", background=True))
 
     def prepare(envs, delay):
         chunk = stream(envs)

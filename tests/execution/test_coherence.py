@@ -1,8 +1,8 @@
 import torch
 
-from lerobot_act_chunking.execution.coherence import most_coherent
+from act_chunking_runtime import coherence
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.execution.executor import ChunkExecutor
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 
 ALL = torch.ones(1, 3, dtype=torch.bool)
 
@@ -10,6 +10,10 @@ ALL = torch.ones(1, 3, dtype=torch.bool)
 def samples(*chunks):
     """One environment, one action dimension."""
     return torch.tensor(chunks, dtype=torch.float32)[:, None, :, None]
+
+
+def most_coherent(*tensors):
+    return torch.from_numpy(coherence.most_coherent(*(each.numpy() for each in tensors)))
 
 
 def chosen(candidates, plan, covered=ALL):

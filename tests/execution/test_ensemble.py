@@ -1,6 +1,7 @@
 import math
 import warnings
 
+import numpy as np
 import pytest
 import torch
 from execution_cases import A, B, Stream, T, Votes, rollout
@@ -8,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lerobot.policies.act.modeling_act import ACTTemporalEnsembler
 
+from act_chunking_runtime.settings import ExecutionSettings
+from act_chunking_runtime.timeline import TemporalEnsemble
 from lerobot_act_chunking.execution.executor import ChunkExecutor
-from lerobot_act_chunking.execution.settings import ExecutionSettings
-from lerobot_act_chunking.execution.timeline import TemporalEnsemble
 
 COEFFS = (0.0, 0.01, 0.5, 10.0)
 
@@ -76,20 +77,20 @@ def test_any_rhythm_and_latency_with_steps_that_nothing_covers(growth, used, pla
     votes, usable = [Votes(used, growth) for _ in range(B)], 0
     for step, (envs, delay, reset) in enumerate([(list(range(B)), 0, False), *plan]):
         if reset and envs:
-            timeline.reset(torch.tensor(envs))
+            timeline.reset(np.array(envs))
             for env in envs:
                 votes[env].chunks.clear()
         usable = max(usable, step + delay)
         if envs:
             late = min(usable - step, used)
-            rows = torch.tensor(envs)
+            rows = np.array(envs)
             timeline.add(
-                stream.chunks[step, rows, :used], None if len(envs) == B and step == 0 else rows, late
+                stream.chunks[step, rows, :used].numpy(), None if len(envs) == B and step == 0 else rows, late
             )
             for env in envs:
                 votes[env].add(step, stream.chunks[step, env], late)
         expected = torch.stack([vote.action(step) for vote in votes])
-        torch.testing.assert_close(timeline.pop(), expected, rtol=0, atol=1e-12)
+        torch.testing.assert_close(torch.from_numpy(timeline.pop()), expected, rtol=0, atol=1e-12)
 
 
 @settings(max_examples=60, deadline=None)
@@ -107,13 +108,15 @@ def test_a_steady_rhythm_may_change_at_any_moment(growth, used, stretches):
     stream, step, usable = Stream(len(rhythm) + 1, chunk_size=6), 0, 0
     for chunk, (apart, delay) in zip(stream.chunks, [(0, 0), *rhythm], strict=True):
         for _ in range(apart):
-            torch.testing.assert_close(timeline.pop()[0], vote.action(step), rtol=0, atol=1e-12)
+            torch.testing.assert_close(
+                torch.from_numpy(timeline.pop()[0]), vote.action(step), rtol=0, atol=1e-12
+            )
             step += 1
         usable = max(usable, step + delay)
         late = min(usable - step, used)
-        timeline.add(chunk[:, :used], None, late)
+        timeline.add(chunk[:, :used].numpy(), None, late)
         vote.add(step, chunk[0], late)
-    torch.testing.assert_close(timeline.pop()[0], vote.action(step), rtol=0, atol=1e-12)
+    torch.testing.assert_close(torch.from_numpy(timeline.pop()[0]), vote.action(step), rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])

@@ -5,8 +5,8 @@ import pytest
 import torch
 from execution_cases import A, B, Stream, T, rollout
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.execution.executor import ChunkExecutor
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 
 MODES = {
     "open_loop": {},
@@ -214,7 +214,7 @@ def test_memory_stays_bounded(mode, n_steps, unchecked):
     def run(n_steps):
         for _ in range(n_steps):
             executor.step(lambda _: chunk, 1)
-        parts = vars(executor._timeline).values()
+        parts = vars(executor.arrays._timeline).values()
         gc.collect()
         return len(gc.get_objects()), sum(getattr(part, "nbytes", 0) for part in parts)
 

@@ -3,8 +3,8 @@
 import pytest
 import torch
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.execution.handover import hand_over
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 
 OLD, NEW = torch.zeros(1, 6, 2), torch.full((1, 9, 2), 12.0)
 COVERED = torch.tensor([[True] * 5 + [False]])

@@ -3,8 +3,8 @@ import re
 
 import pytest
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 
 
 def settings(execution="open_loop", chunk_size=10, **fields):

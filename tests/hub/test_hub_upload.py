@@ -9,10 +9,10 @@ import pytest
 from huggingface_hub import HfApi, ModelCard, snapshot_download
 from typer.testing import CliRunner
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.cli.hub import app
 from lerobot_act_chunking.diagnostics.core.report import EXIT_CODES
 from lerobot_act_chunking.errors import ActChunkingError
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.hub import routing
 from lerobot_act_chunking.hub.card import extend_card, policy_section
 from lerobot_act_chunking.hub.names import RepoName

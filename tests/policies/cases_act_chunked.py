@@ -93,6 +93,43 @@ CHOICES = [("act_chunked", "feedforward_activation", "gelu")]  # of fields that 
 TRAINED = (
     "--policy.dim_model=16 --policy.n_heads=2 --policy.chunk_size=5 --policy.use_ema=true --policy.dropout=0"
 )
+_SMALL = {"n_encoder_layers": 1, "actions_per_query": 5, "use_vae": False}
+_STYLES = {**_SMALL, "use_vae": True, "z_inference": "sample"}
+EXPORTED = [  # the gate exports the first
+    Case(
+        "history, camera, limits",
+        "act_chunked",
+        STATE | TOP,
+        {
+            **_SMALL,
+            "n_obs_steps": 2,
+            "use_velocity": True,
+            "resize_shape": (24, 36),
+            "crop_shape": (20, 30),
+            "execution": "crossfade",
+            "replan_interval": 2,
+            "action_limits": "demonstrations",
+            "max_speed": 1.0,
+        },
+    ),
+    *(Case(f"head {kind}", "act_chunked", STATE, {**_SMALL, "action_likelihood": kind}) for kind in HEADS),
+    *(
+        Case(
+            f"drawn {kind}",
+            "act_chunked",
+            STATE,
+            {**_SMALL, "action_likelihood": kind, "action_temperature": 1.0},
+        )
+        for kind in HEADS
+        if kind not in ("l1", "l2")
+    ),
+    *(Case(f"latent {kind}", "act_chunked", STATE, {**_STYLES, "latent_type": kind}) for kind in LATENTS),
+    Case("held latent", "act_chunked", STATE, {**_STYLES, "z_hold": "episode"}),
+    Case("two cameras", "act_chunked", STATE | TOP | WRIST, _SMALL),
+    Case("resnet", "act_chunked", TOP, {"vision_backbone": "resnet18", "pretrained_backbone_weights": None}),
+    Case("strided", "act_chunked", STATE | VELOCITY | ENVIRONMENT, {**_SMALL, "chunk_stride": 2}),
+    Case("autoregressive", "act_chunked", STATE, AUTOREGRESSIVE | {"image_tokens": "cells"}),
+]
 SHORT = {  # short chunks, to be evaluated
     "chunk_size": 12,
     "dim_model": 16,

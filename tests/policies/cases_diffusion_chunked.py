@@ -67,6 +67,34 @@ KEPT = [  # what a policy can keep from step to step beside its plan
     Case("guided", "diffusion_chunked", STATE, {"warm_start": "rtc", "rtc_vjp": "exact"} | OFTEN),
     Case("coherent", "diffusion_chunked", STATE, {"execution": "coherence", "n_samples": 3}),
 ]
+_NOISE = {"num_inference_steps": 2, "n_layers": 1}
+_SAMPLERS = {
+    **{name: {} for name in ("euler", "midpoint", "heun", "rk4")},
+    **dict.fromkeys(("ddim", "ddpm", "dpm++"), DDPM),
+}
+EXPORTED = [  # the gate exports the first
+    Case("history", "diffusion_chunked", STATE, {**_NOISE, "n_obs_steps": 2}),
+    *(
+        Case(
+            name,
+            "diffusion_chunked",
+            STATE,
+            {**_NOISE, **settings, "sampler": name, "num_inference_steps": 3},
+        )
+        for name, settings in _SAMPLERS.items()
+    ),
+    Case("two-step", "diffusion_chunked", STATE, {"objective": "two_step"}),
+    Case("dit", "diffusion_chunked", STATE | TOP, {"denoiser": "dit"}),
+    Case("unet", "diffusion_chunked", STATE | TOP, {"denoiser": "unet1d"}),
+    Case("goal", "diffusion_chunked", STATE | ENVIRONMENT, {"denoiser": "dit"} | GUIDED),
+    Case("held noise", "diffusion_chunked", STATE, {"warm_start": "noise_hold"} | {"replan_interval": 2}),
+    Case(
+        "coherent",
+        "diffusion_chunked",
+        STATE,
+        {"execution": "coherence", "n_samples": 2, "replan_interval": 2},
+    ),
+]
 LONG = [  # chunks longer than some episodes
     Case("diffusion", "diffusion_chunked", STATE, {"horizon": 12}),
     Case("past", "diffusion_chunked", STATE, {"align": "first_obs", "n_obs_steps": 2, "horizon": 12}),

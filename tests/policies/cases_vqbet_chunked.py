@@ -52,6 +52,16 @@ CASES = [
     Case("paper", "vqbet_chunked", STATE | TOP, {"preset": "paper"} | LEROBOT_AT_T),
     Case("sampled", "vqbet_chunked", STATE, {"offset_target": "sampled", "code_hold": "episode"}),
 ]
+_SMALL = {"gpt_n_layer": 1, "n_obs_steps": 2}
+EXPORTED = [  # the gate exports the first
+    Case("history", "vqbet_chunked", STATE, _SMALL),
+    *(
+        Case(f"tokenizer {name}", "vqbet_chunked", STATE, {**_SMALL, "tokenizer": name})
+        for name in TOKENIZERS
+    ),
+    Case("held codes", "vqbet_chunked", STATE, {"top_p": 0.9, "code_hold": "episode"}),
+    Case("parallel", "vqbet_chunked", STATE | TOP, PARALLEL),
+]
 DETERMINISTIC = {"bet_softmax_temperature": 0.0}
 DRAWING = {"bet_softmax_temperature": 1.0}
 SAMPLING = [

@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args, get_origin
 from lerobot.configs import FeatureType, NormalizationMode, PolicyFeature, PreTrainedConfig
 from policy_cases import MODULES, TYPES
 
-from lerobot_act_chunking.execution.settings import Kernel, Mode, Weighting
+from act_chunking_runtime.settings import Kernel, Mode, Weighting
 from lerobot_act_chunking.policies.choices import choices_of
 from lerobot_act_chunking.policies.field_checks import own_fields
 from lerobot_act_chunking.ranges import RANGES

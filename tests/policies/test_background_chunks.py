@@ -23,7 +23,7 @@ def actions(case, policy):
     for _ in range(STEPS):
         batch = {key: value + torch.randn(value.shape, generator=generator) for key, value in one.items()}
         chosen.append(policy.select_action(batch))
-        awaited = getattr(policy._action_queue, "_awaited", None)
+        awaited = getattr(policy._action_queue.arrays, "_awaited", None)
         if awaited is not None:
             awaited.future.result()
     return torch.stack(chosen)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.diagnostics.bandwidth.closed_form import (
     ensemble_weights,
     in_hertz,
@@ -14,7 +15,6 @@ from lerobot_act_chunking.diagnostics.bandwidth.filter import (
 )
 from lerobot_act_chunking.diagnostics.bandwidth.settings import LATE, Limits
 from lerobot_act_chunking.diagnostics.bandwidth.stability import gain_limit
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 
 _INTERVALS = (1, 2, 5, 10, 20, 25, 50, 100, 200, 250, 500)
 _WEIGHTS = (("act", 0.01), ("uniform", 0.0), ("recency", 0.01), ("recency", 0.05), ("recency", 0.1))

@@ -7,9 +7,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.diagnostics.bandwidth.filter import InnovationFilter
 from lerobot_act_chunking.execution.executor import ChunkExecutor
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 
 STEP_TOLERANCE = 1e-6
 NOISE_TOLERANCE = 0.05

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.diagnostics.bandwidth.filter import (
     InnovationFilter,
     ensemble_filter,
@@ -13,7 +14,6 @@ from lerobot_act_chunking.diagnostics.bandwidth.filter import (
     start_up_step,
 )
 from lerobot_act_chunking.diagnostics.bandwidth.stability import gain_limit
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 
 ONE_TIME_CONSTANT = 1 - math.exp(-1)
 SHARES = {"settle_63_steps": ONE_TIME_CONSTANT, "settle_90_steps": 0.9}

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from act_chunking_runtime.number_checks import check_positive
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.diagnostics.bandwidth.advice import recommend
 from lerobot_act_chunking.diagnostics.bandwidth.agreement import check_agreement
 from lerobot_act_chunking.diagnostics.bandwidth.closed_form import closed_form, filter_for, in_hertz, sweep
@@ -15,8 +17,6 @@ from lerobot_act_chunking.diagnostics.bandwidth.settings import Limits
 from lerobot_act_chunking.diagnostics.bandwidth.source import Source
 from lerobot_act_chunking.diagnostics.bandwidth.verdict import judge, judge_steps
 from lerobot_act_chunking.diagnostics.core.training import untrained
-from lerobot_act_chunking.execution.settings import ExecutionSettings
-from lerobot_act_chunking.number_checks import check_positive
 
 if TYPE_CHECKING:
     from lerobot_act_chunking.diagnostics.bandwidth.push import PushStudy

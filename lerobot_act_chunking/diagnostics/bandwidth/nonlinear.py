@@ -7,9 +7,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.diagnostics.bandwidth.filter import settle_steps
 from lerobot_act_chunking.execution.executor import ChunkExecutor
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 
 STEP_SIZES = (1.0, 3.0, 10.0)
 _ACTION_DIMS = 4

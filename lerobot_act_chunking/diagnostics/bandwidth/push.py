@@ -8,6 +8,8 @@ from typing import Any, cast
 import mujoco
 import numpy as np
 
+from act_chunking_runtime.number_checks import check_positive
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.diagnostics.bandwidth.closed_form import ensemble_weights, filter_for
 from lerobot_act_chunking.diagnostics.bandwidth.filter import ROUNDING, start_up_step
 from lerobot_act_chunking.diagnostics.bandwidth.source import Source, read_source
@@ -16,8 +18,6 @@ from lerobot_act_chunking.diagnostics.core.rollouts import OnStep, Rollout, roll
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES, TASKS
 from lerobot_act_chunking.envs.configuration_envs import AlohaSimEnvConfig
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
-from lerobot_act_chunking.execution.settings import ExecutionSettings
-from lerobot_act_chunking.number_checks import check_positive
 from lerobot_act_chunking.policies.execution_fields import ExecutionFields
 from lerobot_act_chunking.policies.loading import LoadedPolicy, load_policy, read_config
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from lerobot_act_chunking.number_checks import check_positive
+from act_chunking_runtime.number_checks import check_positive
 
 BANDWIDTH_MARGIN = 3.0  # a disturbance at a third of the -3 dB frequency passes with more than 90 %
 GAIN_MARGIN = 2.0  # 6 dB

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, get_args
 
+from act_chunking_runtime.settings import ExecutionSettings, Mode, Weighting
 from lerobot_act_chunking.diagnostics.core.training import read_training
 from lerobot_act_chunking.errors import unknown_choice
-from lerobot_act_chunking.execution.settings import ExecutionSettings, Mode, Weighting
 from lerobot_act_chunking.policies.loading import read_config
 
 # ACT's own numbers, for when there is no checkpoint.

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.table import Table
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.diagnostics.bandwidth.closed_form import ClosedForm, PhaseSettle, StartUp
 from lerobot_act_chunking.diagnostics.bandwidth.report import BandwidthReport
 from lerobot_act_chunking.diagnostics.core.terminal import print_verdict
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 
 if TYPE_CHECKING:
     from lerobot_act_chunking.diagnostics.bandwidth.push import PushStudy

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.diagnostics.core.executable import (
     FIELDS,
     STEPS,
@@ -14,7 +15,6 @@ from lerobot_act_chunking.diagnostics.core.executable import (
     predicting,
 )
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig
 
 LATENCY = "latency_steps"

@@ -4,11 +4,11 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
+from act_chunking_runtime.number_checks import check_at_least
 from lerobot_act_chunking.diagnostics.core.environments import EnvironmentSpec
 from lerobot_act_chunking.diagnostics.core.eval_info import EVAL_INFO
 from lerobot_act_chunking.diagnostics.core.recipes import Recipe, check_names, parse_recipe
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.number_checks import check_at_least
 
 FIRST_SEED = 1000  # lerobot-eval's
 EXAMPLE = "act=outputs/train/act/checkpoints/last/pretrained_model"

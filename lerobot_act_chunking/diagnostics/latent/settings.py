@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from lerobot_act_chunking.number_checks import check_at_least
+from act_chunking_runtime.number_checks import check_at_least
 
 
 @dataclass(frozen=True)

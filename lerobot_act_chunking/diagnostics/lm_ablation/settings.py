@@ -5,10 +5,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from act_chunking_runtime.number_checks import check_at_least, check_positive
 from lerobot_act_chunking.diagnostics.core.environments import EnvironmentSpec
 from lerobot_act_chunking.diagnostics.lm_ablation.cells import CELLS, Cell
 from lerobot_act_chunking.errors import ConfigurationError, look_up
-from lerobot_act_chunking.number_checks import check_at_least, check_positive
 
 FIRST_SEED = 1000  # lerobot-eval's
 OURS = ("encoder_impl", "encoder_init", "encoder_weights", "encoder_training", "encoder_vocabulary")

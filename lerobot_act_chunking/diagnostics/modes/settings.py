@@ -3,9 +3,9 @@
 import math
 from dataclasses import dataclass, field
 
+from act_chunking_runtime.number_checks import check_at_least
 from lerobot_act_chunking.diagnostics.core.environments import EnvironmentSpec
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.number_checks import check_at_least
 
 FIRST_SEED = 20_000
 """Of the first episode: others than those that evaluations usually choose checkpoints by."""

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
+from act_chunking_runtime.number_checks import check_at_least
 from lerobot_act_chunking.data.actions import require_dataset
-from lerobot_act_chunking.number_checks import check_at_least
 
 
 @dataclass(frozen=True)

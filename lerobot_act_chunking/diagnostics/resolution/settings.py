@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass, field
 
+from act_chunking_runtime.number_checks import check_at_least, check_positive
 from lerobot_act_chunking.data.actions import is_dataset
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError
-from lerobot_act_chunking.number_checks import check_at_least, check_positive
 
 
 @dataclass(frozen=True)

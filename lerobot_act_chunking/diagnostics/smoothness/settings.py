@@ -3,9 +3,9 @@
 from dataclasses import dataclass, field
 from functools import partial
 
+from act_chunking_runtime.number_checks import check_at_least
 from lerobot_act_chunking.diagnostics.core.environments import EnvironmentSpec, task_environment
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.number_checks import check_at_least
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import numpy as np
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.utils.constants import ACTION, OBS_STATE
 
+from act_chunking_runtime.number_checks import check_at_least
 from lerobot_act_chunking.data.actions import episode_starts
 from lerobot_act_chunking.data.dimension_names import dimension_names
 from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
@@ -20,7 +21,6 @@ from lerobot_act_chunking.diagnostics.core.training import untrained
 from lerobot_act_chunking.diagnostics.smoothness.settings import EvaluationSpec
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
 from lerobot_act_chunking.errors import DatasetError, FeatureError
-from lerobot_act_chunking.number_checks import check_at_least
 from lerobot_act_chunking.policies.loading import LoadedPolicy, check_complete, load_policy, read_config
 
 EVALUATED = "agent_pos"

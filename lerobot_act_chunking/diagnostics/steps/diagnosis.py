@@ -5,6 +5,7 @@ from typing import Any
 from lerobot.envs.configs import EnvConfig
 from lerobot.utils.constants import ACTION
 
+from act_chunking_runtime.number_checks import check_positive
 from lerobot_act_chunking.diagnostics.core.environments import environment_of
 from lerobot_act_chunking.diagnostics.core.measures import measure_of
 from lerobot_act_chunking.diagnostics.core.report import with_untrained
@@ -26,7 +27,6 @@ from lerobot_act_chunking.diagnostics.steps.subject import (
 )
 from lerobot_act_chunking.diagnostics.steps.success import SuccessOfCell, cells_to_run, success_by_steps
 from lerobot_act_chunking.diagnostics.steps.verdict import judge
-from lerobot_act_chunking.number_checks import check_positive
 from lerobot_act_chunking.policies.loading import read_config
 
 FIRST_SEED = 1000

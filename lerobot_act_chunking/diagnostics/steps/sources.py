@@ -9,6 +9,7 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.utils.constants import ACTION
 from torch.utils.data import default_collate
 
+from act_chunking_runtime.number_checks import check_at_least
 from lerobot_act_chunking.data.actions import episode_starts, is_dataset
 from lerobot_act_chunking.data.dimension_names import dimension_names
 from lerobot_act_chunking.data.quiet import quiet_missing_ffmpeg
@@ -18,7 +19,6 @@ from lerobot_act_chunking.diagnostics.core.measures import Measure, measure_of
 from lerobot_act_chunking.diagnostics.core.training import Training, read_training
 from lerobot_act_chunking.diagnostics.steps.measuring import Demonstrated
 from lerobot_act_chunking.errors import DatasetError, FeatureError
-from lerobot_act_chunking.number_checks import check_at_least
 
 SLOW = 0.25
 """Speed, as a share of a point's fast motion, below which the robot counts as close to contact."""

@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.diagnostics.steps.grid import Cell
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.policies.loading import LoadedPolicy, load_policy
 
 POLICY_TYPE = "diffusion_chunked"

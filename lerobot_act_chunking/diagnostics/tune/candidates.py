@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.diagnostics.core.executable import STEPS
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 
 INTERVALS = (0.05, 0.1, 0.25, 0.5)
 """Replanning intervals, as shares of a chunk; a quarter is the default of all modes."""

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes, read_episodes
 from lerobot_act_chunking.diagnostics.core.executable import execute
 from lerobot_act_chunking.diagnostics.core.recorded import (
@@ -18,7 +19,6 @@ from lerobot_act_chunking.diagnostics.core.recorded import (
 from lerobot_act_chunking.diagnostics.core.training import read_training
 from lerobot_act_chunking.diagnostics.tune.candidates import Candidate
 from lerobot_act_chunking.execution.executor import ChunkExecutor
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.policies.loading import LoadedPolicy
 
 

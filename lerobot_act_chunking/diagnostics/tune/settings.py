@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from act_chunking_runtime.number_checks import check_at_least, check_positive
 from lerobot_act_chunking.diagnostics.core.environments import EnvironmentSpec
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.number_checks import check_at_least, check_positive
 
 FIRST_SEED = 100_000
 """Of the episodes; those of later evaluations usually begin at 1000 and stay unseen."""

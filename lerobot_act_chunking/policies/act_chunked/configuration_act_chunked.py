@@ -6,10 +6,10 @@ from typing import Literal
 
 from lerobot.configs import PreTrainedConfig
 
+from act_chunking_runtime.settings import Mode
 from lerobot_act_chunking.data.batch import FeatureSpec
 from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.execution.settings import Mode
 from lerobot_act_chunking.heads.make import HEADS
 from lerobot_act_chunking.heads.spec import HeadSpec
 from lerobot_act_chunking.nn.language.weights import INITS

@@ -12,8 +12,8 @@ from torch import Tensor, nn
 
 from lerobot_act_chunking.data.batch import ActionTarget, Observation
 from lerobot_act_chunking.data.masking import hold_padding
+from lerobot_act_chunking.execution.environments import Environments
 from lerobot_act_chunking.execution.plan import Plan
-from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.nn.augment import random_shift
 from lerobot_act_chunking.nn.autoregressive import corrupt
 from lerobot_act_chunking.nn.history_dropout import drop_history, history_dropout_mask

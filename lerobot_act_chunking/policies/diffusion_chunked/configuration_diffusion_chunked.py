@@ -7,9 +7,9 @@ from typing import Any, Literal
 from lerobot.configs import PreTrainedConfig
 from lerobot.policies.rtc.configuration_rtc import RTCConfig
 
+from act_chunking_runtime.settings import Mode
 from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.errors import ConfigurationError, FeatureError
-from lerobot_act_chunking.execution.settings import Mode
 from lerobot_act_chunking.nn.denoisers.make import DENOISERS
 from lerobot_act_chunking.nn.denoisers.unet1d import SIZES
 from lerobot_act_chunking.policies.choices import one_of

@@ -24,6 +24,7 @@ from lerobot_act_chunking.sampling.continuation import (
 from lerobot_act_chunking.sampling.guidance import classifier_free
 from lerobot_act_chunking.sampling.process import Process
 from lerobot_act_chunking.sampling.samplers import Denoise, Sampler
+from lerobot_act_chunking.sampling.solvers import Generators
 
 _SCHEDULES: dict[RTCAttentionSchedule, PrefixSchedule] = {
     RTCAttentionSchedule.LINEAR: "linear",
@@ -69,7 +70,7 @@ class Denoising:
         window: Observation,
         sampler: Sampler,
         noise: Float[Tensor, "B T A"],
-        generators: list[torch.Generator] | None = None,
+        generators: Generators = None,
         *,
         prefix: Plan | None = None,
         towards: tuple[Plan, Guidance] | None = None,
@@ -80,7 +81,7 @@ class Denoising:
             window: observations (b, H, ...); B is a multiple of b, sample by sample.
             sampler: its steps.
             noise: where it starts: noise, or partly noised actions.
-            generators: one per row, for samplers that draw on the way.
+            generators: for samplers that draw on the way.
             prefix: plan whose frozen actions the network is given.
             towards: plan that the chunk is guided towards.
         """

@@ -10,8 +10,8 @@ from torch import Tensor, nn
 from lerobot_act_chunking.compat import check_rtc_mode
 from lerobot_act_chunking.data.batch import ActionTarget, Observation
 from lerobot_act_chunking.data.masking import hold_padding, per_sample_error
+from lerobot_act_chunking.execution.environments import Environments
 from lerobot_act_chunking.execution.plan import Plan
-from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.nn.denoisers.make import DENOISERS
 from lerobot_act_chunking.policies.acting import acting
 from lerobot_act_chunking.policies.chunked_policy import Batch, ChunkedPolicy

@@ -9,8 +9,8 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from lerobot_act_chunking.data.batch import Observation
+from lerobot_act_chunking.execution.environments import Environments
 from lerobot_act_chunking.execution.executor import ChunkExecutor
-from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.nn.instruction import InstructionEmbedding
 from lerobot_act_chunking.nn.processes import draw_rows
 from lerobot_act_chunking.policies.batch_seeds import BatchSeeds

@@ -9,8 +9,8 @@ import draccus
 from lerobot.configs import NormalizationMode, PreTrainedConfig
 from lerobot.optim import LRSchedulerConfig, OptimizerConfig
 
+from act_chunking_runtime.settings import ExecutionSettings, Mode
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.execution.settings import ExecutionSettings, Mode
 from lerobot_act_chunking.policies.backbone_choice import choose_backbone
 from lerobot_act_chunking.policies.chunk_length import chunk_length
 from lerobot_act_chunking.policies.chunked_config import ChunkedConfig

@@ -11,8 +11,8 @@ from torch import Tensor
 
 from lerobot_act_chunking import compat
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.execution.background import make_executor
-from lerobot_act_chunking.execution.timeline import Environments
+from lerobot_act_chunking.execution.environments import Environments
+from lerobot_act_chunking.execution.executor import ChunkExecutor
 from lerobot_act_chunking.heads.action_head import at_least_single
 from lerobot_act_chunking.policies import late_chunks
 from lerobot_act_chunking.policies.acting import acting
@@ -179,7 +179,7 @@ class TemporalEnsemblePolicy(ActsWithinLimits, WithModelCard, PreTrainedPolicy):
             if hasattr(self, "_action_queue"):
                 self._action_queue.reset()  # waits for a chunk that is being computed
             # LeRobot and its tools look for a queue under this name to learn when the next inference is due.
-            self._action_queue = make_executor(self.config.execution_settings)
+            self._action_queue = ChunkExecutor(self.config.execution_settings)
         else:
             envs = indices(envs)
             self._observations.reset(envs)

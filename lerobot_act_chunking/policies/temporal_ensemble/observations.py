@@ -9,8 +9,8 @@ from lerobot.utils.constants import ACTION, OBS_IMAGE, OBS_IMAGES
 from torch import Tensor
 
 from lerobot_act_chunking.errors import FeatureError
+from lerobot_act_chunking.execution.environments import Environments
 from lerobot_act_chunking.execution.history import ObservationHistory
-from lerobot_act_chunking.execution.timeline import Environments
 
 Batch = dict[str, Any]
 

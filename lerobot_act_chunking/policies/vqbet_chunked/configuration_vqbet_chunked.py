@@ -8,10 +8,10 @@ from typing import Literal
 from lerobot.configs import NormalizationMode, PreTrainedConfig
 from lerobot.optim import LRSchedulerConfig
 
+from act_chunking_runtime.settings import Mode
 from lerobot_act_chunking.data.fast_chunks.image_switch import ImageSwitch
 from lerobot_act_chunking.data.timing import ChunkTiming, QueryTiming
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.execution.settings import Mode
 from lerobot_act_chunking.policies.choices import one_of
 from lerobot_act_chunking.policies.chunked_config import PRESET, ChunkedConfig
 from lerobot_act_chunking.policies.vqbet_chunked.checks import check

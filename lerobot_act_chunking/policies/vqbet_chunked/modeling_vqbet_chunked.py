@@ -11,8 +11,8 @@ from torch import Tensor, nn
 
 from lerobot_act_chunking.data.batch import ACTION, ActionTarget, Observation
 from lerobot_act_chunking.data.masking import hold_padding, per_sample_error
+from lerobot_act_chunking.execution.environments import Environments
 from lerobot_act_chunking.execution.plan import Plan
-from lerobot_act_chunking.execution.timeline import Environments
 from lerobot_act_chunking.heads.codes import focal_loss
 from lerobot_act_chunking.nn.prefix import begun_with, draw_prefix
 from lerobot_act_chunking.nn.processes import counted_together, draw_rows

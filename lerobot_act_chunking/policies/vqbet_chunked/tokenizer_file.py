@@ -13,10 +13,10 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save
 from torch import Tensor
 
+from act_chunking_runtime.number_checks import check_at_least
 from lerobot_act_chunking.durable_files import write_atomically
 from lerobot_act_chunking.errors import ConfigurationError
 from lerobot_act_chunking.json_files import parse_json
-from lerobot_act_chunking.number_checks import check_at_least
 from lerobot_act_chunking.policies.statistics import NEEDED, floored_statistics
 from lerobot_act_chunking.tokenizers.make import building_settings
 from lerobot_act_chunking.tokenizers.spec import TokenizerSpec

@@ -6,12 +6,12 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.diagnostics.bandwidth import agreement as module
 from lerobot_act_chunking.diagnostics.bandwidth.agreement import check_agreement, execute
 from lerobot_act_chunking.diagnostics.bandwidth.closed_form import filter_for
 from lerobot_act_chunking.diagnostics.bandwidth.filter import ensemble_filter, newest_chunk_filter
 from lerobot_act_chunking.diagnostics.bandwidth.terminal import describe
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 
 
 def ensemble(chunk_size, interval, weighting="act", coeff=0.01, latency=0, used=None):

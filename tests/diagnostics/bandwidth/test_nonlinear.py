@@ -1,8 +1,8 @@
 import pytest
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.diagnostics.bandwidth.closed_form import closed_form, filter_for
 from lerobot_act_chunking.diagnostics.bandwidth.nonlinear import STEP_SIZES, measure_steps
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 
 
 @pytest.mark.parametrize("kernel", ["gate", "gaussian"])

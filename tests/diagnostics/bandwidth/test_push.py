@@ -10,6 +10,7 @@ from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from policy_cases import MODULES
 from tiers import full_tier
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.diagnostics.bandwidth import push as push_module
 from lerobot_act_chunking.diagnostics.bandwidth.measuring import measure
 from lerobot_act_chunking.diagnostics.bandwidth.push import (
@@ -27,7 +28,6 @@ from lerobot_act_chunking.diagnostics.core.environments import environment_of
 from lerobot_act_chunking.diagnostics.core.rollouts import Inference, Rollout
 from lerobot_act_chunking.envs.aloha.env import AlohaSimEnv
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 
 CHUNK, JOINTS, STEPS, PUSH_STEP = 12, 14, 40, 17
 SMALL = {"dim_model": 16, "n_heads": 2, "dim_feedforward": 24, "n_encoder_layers": 1, "use_vae": False}

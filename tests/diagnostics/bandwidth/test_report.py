@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.diagnostics.bandwidth import measuring
 from lerobot_act_chunking.diagnostics.bandwidth.advice import recommend
 from lerobot_act_chunking.diagnostics.bandwidth.closed_form import closed_form
@@ -16,7 +17,6 @@ from lerobot_act_chunking.diagnostics.bandwidth.settings import Limits
 from lerobot_act_chunking.diagnostics.bandwidth.source import Source, read_source
 from lerobot_act_chunking.diagnostics.bandwidth.terminal import describe, print_report
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 
 PNG = b"\x89PNG\r\n\x1a\n"
 ACT = {"chunk_size": 20, "ensemble_weighting": "act", "temporal_ensemble_coeff": 0.1}

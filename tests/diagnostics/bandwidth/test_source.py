@@ -8,9 +8,9 @@ from lerobot.policies.act.configuration_act import ACTConfig
 from lerobot.policies.vqbet.configuration_vqbet import VQBeTConfig
 from policy_cases import LENGTHS, TYPES
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.diagnostics.bandwidth.source import read_source
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 
 FEATURES = {
     "input_features": {"observation.state": PolicyFeature(FeatureType.STATE, (6,))},

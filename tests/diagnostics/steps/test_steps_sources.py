@@ -9,13 +9,13 @@ from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.policies.factory import make_pre_post_processors
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.diagnostics.core.measures import AlohaGraspPoints, measure_of
 from lerobot_act_chunking.diagnostics.steps.grid import Cell
 from lerobot_act_chunking.diagnostics.steps.sources import hold_out, near_contact
 from lerobot_act_chunking.diagnostics.steps.subject import PolicySubject, executed_steps, own_cell
 from lerobot_act_chunking.envs.aloha.tasks import JOINT_NAMES
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError, FeatureError
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked import (
     DiffusionChunkedConfig,
 )

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes
 from lerobot_act_chunking.diagnostics.tune.candidates import Candidate
 from lerobot_act_chunking.diagnostics.tune.replay import HeldOut, reaction_s, replay
 from lerobot_act_chunking.execution.executor import ChunkExecutor
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.policies.loading import LoadedPolicy
 
 FPS = 10

@@ -2,12 +2,12 @@
 
 import pytest
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.diagnostics.core.outcomes import FILE
 from lerobot_act_chunking.diagnostics.tune.candidates import Candidate
 from lerobot_act_chunking.diagnostics.tune.racing import race
 from lerobot_act_chunking.diagnostics.tune.store import Store
 from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 
 QUESTION = {"checkpoint": "abc", "environment": {"type": "line"}, "seed": 7}
 SETTINGS = ExecutionSettings(chunk_size=8)

@@ -2,11 +2,11 @@
 
 import pytest
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.diagnostics.tune.candidates import Candidate
 from lerobot_act_chunking.diagnostics.tune.racing import Race
 from lerobot_act_chunking.diagnostics.tune.replay import Replay
 from lerobot_act_chunking.diagnostics.tune.verdict import judge_race, judge_replay
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 
 
 def candidate(interval):

@@ -3,8 +3,8 @@
 from lerobot.configs import FeatureType, PolicyFeature
 from policy_cases import STATE, A
 
+from act_chunking_runtime.settings import ExecutionSettings
 from lerobot_act_chunking.diagnostics.bandwidth.source import read_source
-from lerobot_act_chunking.execution.settings import ExecutionSettings
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
     TemporalEnsembleConfig,
 )

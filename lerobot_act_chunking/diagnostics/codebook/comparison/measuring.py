@@ -8,6 +8,7 @@ import torch
 from lerobot.configs import NormalizationMode
 from torch import Tensor
 
+from act_chunking_runtime.number_checks import check_at_least
 from lerobot_act_chunking.data.timing import ChunkTiming
 from lerobot_act_chunking.diagnostics.codebook.chunks import DemonstratedChunks, cut_chunks
 from lerobot_act_chunking.diagnostics.codebook.coding import ChunkCoder
@@ -21,7 +22,6 @@ from lerobot_act_chunking.diagnostics.core.episodes import ActionEpisodes
 from lerobot_act_chunking.diagnostics.core.measures import measure_of
 from lerobot_act_chunking.diagnostics.core.report import Judgement
 from lerobot_act_chunking.errors import DatasetError
-from lerobot_act_chunking.number_checks import check_at_least
 from lerobot_act_chunking.policies.statistics import NEEDED
 from lerobot_act_chunking.policies.vqbet_chunked.presets import preset_values
 from lerobot_act_chunking.tokenizers.make import TOKENIZERS, make_tokenizer

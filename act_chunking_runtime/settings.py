@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
-from lerobot_act_chunking.number_checks import check_at_least, check_positive
+from act_chunking_runtime.errors import ConfigurationError, unknown_choice
+from act_chunking_runtime.number_checks import check_at_least, check_positive
 
 Mode = Literal["open_loop", "receding", "ensemble", "crossfade", "adaptive", "coherence"]
 Weighting = Literal["act", "recency", "uniform"]

@@ -2,7 +2,7 @@
 
 import math
 
-from lerobot_act_chunking.errors import ConfigurationError
+from act_chunking_runtime.errors import ConfigurationError
 
 
 def check_at_least(least: int, **values: float | None) -> None:

@@ -2,17 +2,15 @@
 
 from collections.abc import Sequence
 
-import torch
-from jaxtyping import Bool, Float
-from torch import Tensor
-from torch.nn.functional import cosine_similarity, pad
+import numpy as np
 
-from lerobot_act_chunking.execution.settings import Kernel
-from lerobot_act_chunking.execution.timeline import Environments, NewestChunk
+from act_chunking_runtime.settings import Kernel
+from act_chunking_runtime.timeline import Environments, NewestChunk
 
 # Typical disagreement: the median over this many arrivals, known once there were a few.
 MEMORY = 64
 FEWEST = 4
+LEAST = 1e-8  # length of a vector that has a direction
 
 
 class AdaptiveEnsemble(NewestChunk):
@@ -59,100 +57,114 @@ class AdaptiveEnsemble(NewestChunk):
     def reset(self, envs: Environments = None) -> None:
         """Forget everything about these environments, what is typical of them too."""
         super().reset(envs)
-        if envs is not None and self._plan.numel():
-            envs = envs.to(self._plan.device)
+        if envs is not None and self._plan.size:
             self._older[envs] = 0
             self._counts[envs] = False
-            self._disagreements[envs] = torch.nan
+            self._disagreements[envs] = np.nan
 
     def clear(self, envs: Environments = None) -> None:
         """Forget plans and older chunks; what is typical of an environment stays."""
         super().clear(envs)
-        if self._plan.numel():
-            rows = slice(None) if envs is None else envs.to(self._plan.device)
+        if self._plan.size:
+            rows = slice(None) if envs is None else envs
             self._older[rows] = 0
             self._counts[rows] = False
 
-    def _allocate(self, chunk: Tensor) -> None:
+    def _allocate(self, chunk: np.ndarray) -> None:
         super()._allocate(chunk)
         B, cells, A = self._plan.shape
-        self._older = self._plan.new_zeros(B, self._n_older, cells, A)
-        self._counts = torch.zeros(B, self._n_older, cells, dtype=torch.bool, device=chunk.device)
-        self._made_at = torch.full((B, self._n_older), -1, device=chunk.device)
-        self._disagreements = self._plan.new_full((B, MEMORY), torch.nan)  # oldest first
+        self._older = np.zeros((B, self._n_older, cells, A), dtype=self._plan.dtype)
+        self._counts = np.zeros((B, self._n_older, cells), dtype=bool)
+        self._made_at = np.full((B, self._n_older), -1)
+        self._disagreements = np.full((B, MEMORY), np.nan, dtype=self._plan.dtype)  # oldest first
 
     def _move_back(self) -> None:
         super()._move_back()
         for cells in (self._older, self._counts):
-            cells[:, :, : 2 * self._span] = cells[:, :, self._span :].clone()
+            cells[:, :, : 2 * self._span] = cells[:, :, self._span :].copy()
             cells[:, :, 2 * self._span :] = 0
 
-    def add(self, chunk: Float[Tensor, "n T A"], envs: Environments = None, delay: int = 0) -> None:
+    def add(self, chunk: np.ndarray, envs: Environments = None, delay: int = 0) -> None:
         """Take in a chunk, blended with those that it agrees with; see `Timeline.add`."""
-        if not self._plan.numel():
+        if not self._plan.size:
             self._allocate(chunk)
-        device = self._plan.device
-        rows = torch.arange(len(chunk), device=device) if envs is None else envs.to(device)
-        chunk = chunk.to(self._plan.dtype)
-        blend = chunk.clone()
+        rows = np.arange(len(chunk)) if envs is None else envs
+        chunk = chunk.astype(self._plan.dtype, copy=False)
+        blend = chunk.copy()
         blend[:, delay:] = self._agreed(chunk[:, delay:], rows, delay)
         super().add(blend, envs, delay)
         self._remember(chunk, rows)
 
-    def _remember(self, chunk: Float[Tensor, "n T A"], rows: Tensor) -> None:
-        """Keep the chunk in place of the oldest."""
+    def _remember(self, chunk: np.ndarray, rows: np.ndarray) -> None:
+        """Keep the chunk (n, T, A) in place of the oldest."""
         oldest = self._made_at[rows].argmin(1)
         self._older[rows, oldest, self._window] = chunk
         self._counts[rows, oldest] = False
         self._counts[rows, oldest, self._window] = True
         self._made_at[rows, oldest] = self._step
 
-    def _agreed(self, newest: Float[Tensor, "n t A"], rows: Tensor, delay: int) -> Float[Tensor, "n t A"]:
-        """The average of the newest chunk and the older ones, over the steps that it is in time for."""
+    def _agreed(self, newest: np.ndarray, rows: np.ndarray, delay: int) -> np.ndarray:
+        """The average of the newest chunk (n, t, A) and the older ones, over the steps it is in time for."""
         cells = slice(self._head + delay, self._head + self.n_action_steps)
-        votes = torch.cat([newest[:, None], self._older[rows, :, cells]], dim=1)  # (n, C, t, A)
-        counts = self._counts[rows, :, cells]
-        counts = pad(counts, (0, 0, 1, 0), value=True)
-        ages = pad(self._step - self._made_at[rows], (1, 0)).to(votes)
+        votes = np.concatenate([newest[:, None], self._older[rows, :, cells]], axis=1)  # (n, C, t, A)
+        counts = np.pad(self._counts[rows, :, cells], ((0, 0), (1, 0), (0, 0)), constant_values=True)
+        ages = np.pad(self._step - self._made_at[rows], ((0, 0), (1, 0))).astype(votes.dtype)
         weights = self._log_agreement(votes, counts, rows) + self._growth * ages[:, :, None]
-        weights = weights.masked_fill(~counts, -torch.inf).softmax(1)
+        weights = _softmax(np.where(counts, weights, -np.inf))
         mean = newest + (weights[..., None] * (votes - newest[:, None])).sum(1)
         mean[..., self._held_dims] = newest[..., self._held_dims]
         return mean
 
-    def _log_agreement(
-        self, votes: Float[Tensor, "n C t A"], counts: Bool[Tensor, "n C t"], rows: Tensor
-    ) -> Float[Tensor, "n C #t"]:
-        """Log of the agreement of each vote with the first."""
+    def _log_agreement(self, votes: np.ndarray, counts: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Log of the agreement of each vote (n, C, t, A) with the first, (n, C, t) or (n, C, 1)."""
         free = [dim for dim in range(votes.shape[-1]) if dim not in self._held_dims]
         votes = votes[..., free]
         if self._kernel == "cosine":
             change = votes - self._last_action[rows][:, None, None, free]
             # The last action may be that of a rollout that ended in NaN.
-            return self._scale * cosine_similarity(change, change[:, :1], dim=-1).nan_to_num()
-        squared = (votes - votes[:, :1]).square().sum(-1) / max(1, len(free))
-        squared = squared.masked_fill(~counts, 0)
-        distance = (squared.sum(-1) / counts.sum(-1).clamp(min=1)).sqrt()  # (n, C)
-        exists = counts.any(-1)
+            return np.nan_to_num(self._scale * _cosine(change, change[:, :1]))
+        squared = np.square(votes - votes[:, :1]).sum(-1) / max(1, len(free))
+        squared = np.where(counts, squared, 0)
+        n_counted = counts.sum(-1)  # (n, C)
+        distance = np.sqrt(squared.sum(-1) / n_counted.clip(min=1)).astype(votes.dtype)
+        exists = n_counted > 0
         tolerance = self._scale * self._typical(rows)[:, None]
         self._note(distance, exists, rows)
         if self._kernel == "gaussian":
-            variance = tolerance.square().clamp(min=torch.finfo(votes.dtype).tiny)
+            variance = np.square(tolerance).clip(min=np.finfo(votes.dtype).tiny)
             return -squared / (2 * variance[..., None])
         rejected = exists & (distance > tolerance)
         disturbed = (rejected | ~exists)[:, 1:].all(1)
         self._counts[rows] &= ~disturbed[:, None, None]
-        return torch.where(rejected, -torch.inf, 0.0).to(votes)[..., None]
+        return np.where(rejected, -np.inf, 0.0).astype(votes.dtype)[..., None]
 
-    def _typical(self, rows: Tensor) -> Float[Tensor, " n"]:
-        """The running median of disagreement; infinite until enough is known."""
+    def _typical(self, rows: np.ndarray) -> np.ndarray:
+        """The running median of disagreement (n,); infinite until enough is known."""
         known = self._disagreements[rows]
-        enough = (~known.isnan()).sum(1) >= FEWEST
-        return torch.where(enough, known.nanmedian(1).values, torch.inf)
+        enough = (~np.isnan(known)).sum(1) >= FEWEST
+        return np.where(enough, _lower_median(known), np.inf).astype(known.dtype)
 
-    def _note(self, distance: Float[Tensor, "n C"], exists: Bool[Tensor, "n C"], rows: Tensor) -> None:
-        """Remember how far the older chunks are from the newest, if there are any."""
-        latest = distance[:, 1:].masked_fill(~exists[:, 1:], torch.nan).nanmedian(1, keepdim=True).values
+    def _note(self, distance: np.ndarray, exists: np.ndarray, rows: np.ndarray) -> None:
+        """Remember how far (n, C) the older chunks are from the newest, if there are any (n, C)."""
+        latest = _lower_median(np.where(exists, distance, np.nan)[:, 1:])[:, None]
         before = self._disagreements[rows]
-        shifted = torch.cat([before[:, 1:], latest], dim=1)
-        self._disagreements[rows] = torch.where(latest.isnan(), before, shifted)
+        shifted = np.concatenate([before[:, 1:], latest], axis=1)
+        self._disagreements[rows] = np.where(np.isnan(latest), before, shifted)
+
+
+def _softmax(logits: np.ndarray) -> np.ndarray:
+    """Over the votes, axis 1."""
+    weights = np.exp(logits - logits.max(1, keepdims=True))
+    return weights / weights.sum(1, keepdims=True)
+
+
+def _cosine(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Of the angle between vectors on the last axis; 0 where one of them is nothing."""
+    lengths = np.linalg.norm(x, axis=-1).clip(min=LEAST) * np.linalg.norm(y, axis=-1).clip(min=LEAST)
+    return (x * y).sum(-1) / lengths
+
+
+def _lower_median(values: np.ndarray) -> np.ndarray:
+    """Of what is not NaN in each row, the lower one of two; NaN where there is nothing."""
+    middle = ((~np.isnan(values)).sum(1, keepdims=True) - 1).clip(min=0) // 2
+    return np.take_along_axis(np.sort(values, axis=1), middle, axis=1)[:, 0]

@@ -1,22 +1,17 @@
 """Chunks that are computed while the actions before them are executed."""
 
 from collections import deque
-from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack
 from dataclasses import dataclass
 
-import torch
-from jaxtyping import Float
-from torch import Tensor
+import numpy as np
 
-from lerobot_act_chunking.errors import ConfigurationError
-from lerobot_act_chunking.execution.executor import ChunkExecutor, Prepare
-from lerobot_act_chunking.execution.settings import ExecutionSettings
-from lerobot_act_chunking.execution.timeline import Environments
+from act_chunking_runtime.errors import ConfigurationError
+from act_chunking_runtime.executor import ChunkExecutor, Prepare
+from act_chunking_runtime.settings import ExecutionSettings
+from act_chunking_runtime.timeline import Environments
 
 REMEMBERED = 10  # chunks, by whose longest delay the next one is expected
-CAST = ("cuda", "cpu")  # devices that may compute in another precision
 PATIENCE = 3  # chunks in a row that come too late: one may, because everything is slow once
 
 
@@ -24,7 +19,7 @@ PATIENCE = 3  # chunks in a row that come too late: one may, because everything 
 class _Awaited:
     """A chunk that is being computed, and the step of its observation."""
 
-    future: "Future[Tensor]"
+    future: "Future[np.ndarray]"
     step: int
 
 
@@ -63,8 +58,8 @@ class BackgroundExecutor(ChunkExecutor):
                 self._awaited.future.exception()
             self._awaited = None
 
-    def advance(self, prepare: Prepare, batch_size: int) -> Float[Tensor, "B A"]:
-        """The action of this control step; a chunk that is due begins to be computed.
+    def advance(self, prepare: Prepare, batch_size: int) -> np.ndarray:
+        """The action (B, A) of this control step; a chunk that is due begins to be computed.
 
         Args:
             prepare: called only if a chunk is due and none is being computed.
@@ -82,11 +77,11 @@ class BackgroundExecutor(ChunkExecutor):
             self._start(batch_size)
         self._take_in()
         if self._awaited is None and self._step >= self._first_due:
-            if not self.plan()[0].numel():
+            if not self.plan()[0].size:
                 self.add(prepare(None, 0)())
             else:
                 compute = prepare(None, max(self.delays, default=self.settings.latency_steps))
-                self._awaited = _Awaited(self._thread.submit(_as_here(compute)), self._step)
+                self._awaited = _Awaited(self._thread.submit(compute), self._step)
         return self.pop()
 
     def _take_in(self) -> None:
@@ -108,22 +103,6 @@ class BackgroundExecutor(ChunkExecutor):
                 "(background=false), or compute faster (a GPU, fewer inference steps, a smaller policy)"
             )
         return None
-
-
-def _as_here[R](compute: Callable[[], R]) -> Callable[[], R]:
-    """The same computation in this thread's modes of PyTorch, which another thread does not have."""
-    grad = torch.is_grad_enabled()
-    casts = {kind: torch.get_autocast_dtype(kind) for kind in CAST if torch.is_autocast_enabled(kind)}
-
-    def run() -> R:
-        with ExitStack() as modes:
-            modes.enter_context(torch.inference_mode(False))
-            modes.enter_context(torch.set_grad_enabled(grad))
-            for kind, dtype in casts.items():
-                modes.enter_context(torch.autocast(kind, dtype))
-            return compute()
-
-    return run
 
 
 def make_executor(settings: ExecutionSettings) -> ChunkExecutor:
