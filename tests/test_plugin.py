@@ -45,7 +45,9 @@ def test_importing_the_package_registers_environments_without_torch():
         "print(sorted(i for i in gymnasium.registry if i.startswith('aloha_sim/')), 'torch' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    ids = [f"aloha_sim/{task}-v0" for task in ("Insertion", "TransferCube", "TransferModes")]
+    ids = [
+        f"aloha_sim/{task}-v0" for task in ("Insertion", "LanguageTransfer", "TransferCube", "TransferModes")
+    ]
     assert done.stdout.strip() == f"{ids} False"
 
 

@@ -73,7 +73,7 @@ def test_an_environment_is_ready_to_step():
         (
             "transfer_cubes",
             {},
-            "choose one of: transfer_cube, insertion, transfer_modes, pick_place, stack, two_ways, ",
+            "choose one of: transfer_cube, insertion, transfer_modes, language_transfer, pick_place, stack, ",
         ),
         ("insertion", {"success": "any"}, "unknown success rule 'any'; choose one of: touch, hold"),
     ],

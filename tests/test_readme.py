@@ -66,6 +66,11 @@ def test_the_tables_of_instructions_are_those_of_their_results(monkeypatch):
     for row in results:
         told[row["reading"]].append(row["unseen"]["direction"])
     assert min(told["words"]) > max(told["mean"])
+    ratios = [
+        row["ratio"] for row in json.loads((ROOT / "benchmarks/results/language_step.json").read_text())
+    ]
+    assert f"costs {', '.join(f'{each:.2f}' for each in ratios)} times" in reading.PAGE.read_text()
+    assert max(ratios) <= 1.05
 
 
 def test_the_table_of_comparisons_that_stop_early_is_that_of_its_results():

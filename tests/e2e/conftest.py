@@ -8,7 +8,7 @@ import torch
 from evaluations import EPISODES, STEPS
 from lerobot.scripts import lerobot_eval
 
-from lerobot_act_chunking.execution.executor import ChunkExecutor
+from act_chunking_runtime.executor import ChunkExecutor
 
 
 @pytest.fixture
@@ -19,7 +19,7 @@ def evaluate(monkeypatch, tmp_path):
         chunks, add = [], ChunkExecutor.add
 
         def recording(executor, chunk, *arguments):
-            chunks.append(chunk)
+            chunks.append(torch.tensor(chunk))
             add(executor, chunk, *arguments)
 
         output = tmp_path / f"eval_{len(list(tmp_path.iterdir()))}"

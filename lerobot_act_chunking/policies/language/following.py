@@ -1,17 +1,17 @@
 """What policies that follow instructions have in common."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Float
+from lerobot.utils.constants import OBS_LANGUAGE_TOKENS
 from torch import Tensor
 
 from lerobot_act_chunking.data.batch import Observation
+from lerobot_act_chunking.errors import FeatureError
 from lerobot_act_chunking.execution.environments import Environments
 from lerobot_act_chunking.execution.executor import ChunkExecutor
-from lerobot_act_chunking.nn.instruction import InstructionEmbedding
 from lerobot_act_chunking.nn.processes import draw_rows
 from lerobot_act_chunking.policies.batch_seeds import BatchSeeds
 from lerobot_act_chunking.policies.language.fields import INSTRUCTION
@@ -38,18 +38,21 @@ class FollowsInstructions:
     _network: Any
     _action_queue: ChunkExecutor
     _instructions: InstructionWatch
+    _said: tuple[Any, Tensor] | None
     listener: Listener | None
     instruction_seeds: BatchSeeds | None
+    register_load_state_dict_post_hook: Any
 
     def _begin_to_listen(self, meta: Any | None) -> None:
         """Load the sentence encoder, if there is one; see `Listener`."""
         config, trained_on = self.config, None if meta is None or meta.episodes is None else meta
         self.listener = None if config.language_encoder is None else Listener(config, trained_on)
         self.instruction_seeds = BatchSeeds() if config.instruction_dropout else None
+        self.register_load_state_dict_post_hook(_forget_what_was_said)
 
     def _forget_instructions(self) -> None:
         """Another rollout begins."""
-        self._instructions = InstructionWatch()
+        self._instructions, self._said = InstructionWatch(), None
 
     def _read_all_instructions(self) -> None:
         """Show the reader what the training will say."""
@@ -66,32 +69,39 @@ class FollowsInstructions:
 
     def _taught(self, window: Observation, batch: Batch) -> Observation:
         """The observations to learn from, with the instructions of the batch, of which some are left out."""
+        if self.listener is None:
+            return window
+        self._said = None  # the weights change
         drop = None
         if self.training and self.instruction_seeds is not None:
             device = next(self.model.parameters()).device
             generator = self.instruction_seeds.next_generator(device)
             drawn = draw_rows(torch.rand, (window.batch_size,), generator=generator, device=device)
             drop = drawn < self.config.instruction_dropout
-        return self._with(window, batch, lambda said: said, drop)
+        return self._with(window, self._network.instruction(*self.listener.hear(batch), drop))
 
     def _instructed(self, window: Observation, batch: Batch, envs: Environments = None) -> Observation:
-        """The observations of these environments to act on, with the instructions of the batch."""
-        if envs is None:
-            return self._with(window, batch, lambda said: said)
-        return self._with(window, batch, lambda said: said[envs.to(said.device)])
+        """The observations of these environments to act on, with the instructions of the batch.
 
-    def _with(
-        self,
-        window: Observation,
-        batch: Batch,
-        chosen: Callable[[Float[Tensor, "B V"]], Float[Tensor, "n V"]],
-        drop: Bool[Tensor, " B"] | None = None,
-    ) -> Observation:
+        What was made of the last step's instructions serves as long as their tokens are the same tensor.
+        """
         if self.listener is None:
             return window
-        embedding: InstructionEmbedding = self._network.instruction
-        said = chosen(embedding(*self.listener.hear(batch, acting=not self.training), drop))
+        tokens = batch.get(OBS_LANGUAGE_TOKENS)
+        if self._said is None or self._said[0] is not tokens:
+            self._said = tokens, self._network.instruction(*self.listener.hear(batch, acting=True))
+        said = self._said[1]
+        return self._with(window, said if envs is None else said[envs.to(said.device)])
+
+    def _with(self, window: Observation, said: Float[Tensor, "n V"]) -> Observation:
         if len(said) != window.batch_size:
-            raise self.listener.wrong_number(len(said), window.batch_size)
+            raise FeatureError(
+                f"{OBS_LANGUAGE_TOKENS!r} has {len(said)} instructions for {window.batch_size} samples"
+            )
         told = said[:, None].expand(-1, self.config.n_obs_steps, -1)
         return replace(window, vectors=window.vectors | {INSTRUCTION: told})
+
+
+def _forget_what_was_said(policy: Any, _incompatible: Any) -> None:
+    """Other weights make something else of the same instruction."""
+    policy._said = None

@@ -116,11 +116,6 @@ class Listener:
             )
         return tokens, mask
 
-    @staticmethod
-    def wrong_number(told: int, samples: int) -> FeatureError:
-        """The error for a batch whose samples do not have an instruction each."""
-        return FeatureError(f"{OBS_LANGUAGE_TOKENS!r} has {told} instructions for {samples} samples")
-
     def _heard(self, said: list[tuple[int, ...]], device: torch.device) -> Heard:
         different = list(dict.fromkeys(said))
         states = torch.zeros(len(different), self._most, self.encoder.width)
