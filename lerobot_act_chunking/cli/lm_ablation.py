@@ -15,7 +15,7 @@ from lerobot_act_chunking.cli.environment import (
     asked_environment,
     gathered,
 )
-from lerobot_act_chunking.cli.options import Json, Picture, parse_numbers
+from lerobot_act_chunking.cli.options import Json, Picture, parse_numbers, to_a_folder
 from lerobot_act_chunking.cli.reporting import finish
 from lerobot_act_chunking.cli.serve import PolicyCommand
 
@@ -65,9 +65,9 @@ def lm_ablation_command(
         str | None,
         typer.Option(help="Folder of a BERT-like model. \\[default: MiniLM, of the extra language]"),
     ] = None,
-    output_dir: Annotated[Path, typer.Option(help="Where every training is written down.")] = Path(
-        "outputs/lm_ablation"
-    ),
+    output_dir: Annotated[
+        Path, typer.Option(callback=to_a_folder, help="Where every training is written down.")
+    ] = Path("outputs/lm_ablation"),
     json: Json = None,
     out: Picture = None,
 ) -> None:

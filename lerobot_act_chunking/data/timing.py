@@ -20,7 +20,7 @@ class ChunkTiming:
       first_obs     t - n_obs_steps + 1 ... t + control_steps - 1       horizon
     interpolated    t ... t + control_steps - 1                         control_steps
     used            t ... t + n_action_steps - 1                        n_action_steps
-    next inference  t + replan_interval (`execution.settings`)
+    next inference  t + replan_interval (`act_chunking_runtime.settings`)
     ==============  ==================================================  ==============
 
     Observations lie ``obs_stride`` steps apart. A chunk is the predictions from now on. With ``past_steps``

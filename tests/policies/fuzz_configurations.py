@@ -43,6 +43,8 @@ NEAR: dict[str, tuple[Any, ...]] = {
     "vision_backbone": ("small_cnn", "small_cnn", "timm:none", "timm:"),
     "pretrained_backbone_weights": ("imagenet", "none.safetensors", "ResNet18_Weights.IMAGENET1K_V1"),
     "tokenizer_path": ("none",),
+    "language_encoder": (None,),  # loads a package
+    "language_dropout": (0.0, 0.0, 0.5),  # refused without an encoder
     "state_keys": ([], ["observation.state"], ["observation.environment_state"], ["observation.none"]),
     "guidance_features": ([], ["observation.state"], ["observation.none"]),
     "gripper_dims": ([], [0], [1], [0, 1], [0, 0], [5], (0,)),
@@ -58,6 +60,7 @@ NEAR: dict[str, tuple[Any, ...]] = {
     "balance_modes": ("none",),  # the others need a dataset
     "inner_path": ("none",),
     "encoder_weights": ("none",),
+    "instructions": (None,),  # filled in by training
     "encoder_vocabulary": (0,),  # with more, batches need instructions
 }
 STATE = {"observation.state": PolicyFeature(FeatureType.STATE, (2,))}

@@ -9,7 +9,7 @@ from lerobot.policies.rtc.configuration_rtc import RTCConfig
 from lerobot.processor import make_default_pre_post_processors
 from lerobot.rollout.inference.rtc import RTCInferenceEngine, supports_rtc_inference
 from lerobot.rollout.inference.sync import SyncInferenceEngine
-from stand_ins import STAND_INS, A, S, bare, batch, stand_ins, wrapped  # noqa: F401  (a fixture)
+from stand_ins import STAND_INS, TOKENS, A, S, bare, batch, stand_ins, wrapped  # noqa: F401  (a fixture)
 from wrapped_cases import ACT, B
 
 JOINTS = [f"joint_{i}.pos" for i in range(A)]
@@ -21,7 +21,9 @@ def policy_type(request, stand_ins):  # noqa: F811
 
 
 def act(policy, seeds):
-    return torch.stack([policy.select_action(batch(seed)) for seed in seeds])
+    """The actions on other observations in each step, and one and the same instruction."""
+    told = {TOKENS: batch(0)[TOKENS]}
+    return torch.stack([policy.select_action({**batch(seed), **told}) for seed in seeds])
 
 
 def test_open_loop_is_the_bare_policy_bit_for_bit(policy_type):

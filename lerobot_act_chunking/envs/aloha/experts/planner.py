@@ -151,8 +151,15 @@ def _targets(
     noise = options.waypoint_noise
     strokes = shift_free(script.tool, noise, rng) if noise > 0 else script.tool
     straight = bool(options.constant_speed)
-    tool = blend(times, forward(arm, HOME_JOINTS), strokes, options.overshoot, constant_speed=straight)
-    tool[:, 1] += detour_of(times, script.tool, options.detour)
-    joints = inverse(arm, tool)
+
+    def joints_of(overshoot: float) -> np.ndarray:
+        tool = blend(times, forward(arm, HOME_JOINTS), strokes, overshoot, constant_speed=straight)
+        tool[:, 1] += detour_of(times, script.tool, options.detour)
+        return inverse(arm, tool)
+
+    try:
+        joints = joints_of(options.overshoot)
+    except ConfigurationError:  # nobody shoots beyond where the arm reaches
+        joints = joints_of(0.0)
     fingers = blend(times, _HOME_GRIPPER, script.gripper, constant_speed=straight)
     return np.concatenate([joints, fingers], axis=1)
