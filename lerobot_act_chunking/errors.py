@@ -28,6 +28,10 @@ class DatasetError(ActChunkingError):
     """A dataset that is absent, damaged, or not what the command expected."""
 
 
+class WorkerError(ActChunkingError):
+    """Work that was given up because the processes that did it died."""
+
+
 def unknown_choice(what: str, value: object, choices: Iterable[str]) -> ConfigurationError:
     """The error for a name outside its allowed set, with the set spelled out."""
     return ConfigurationError(f"unknown {what} {value!r}; choose one of: {', '.join(choices)}")

@@ -7,6 +7,7 @@ from pathlib import Path, PurePosixPath
 from lerobot_act_chunking.diagnostics.core.environments import EnvironmentSpec
 from lerobot_act_chunking.diagnostics.core.recipes import Recipe, check_names, parse_recipe
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.executors import Cluster
 from lerobot_act_chunking.number_checks import check_at_least
 
 FIRST_SEED = 1000  # lerobot-eval's
@@ -44,6 +45,7 @@ class Settings:
         batch_size: episodes that act together, as ``--eval.batch_size`` of ``lerobot-eval``.
         draws: how often a policy that samples repeats every episode, each time with other noise.
         workers: processes.
+        cluster: whose; by default this machine's.
         output_dir: where everything is kept; by default a folder that follows from the question.
         shard: the part to do here.
         merge: folders of other parts, whose episodes are taken over.
@@ -61,6 +63,7 @@ class Settings:
     batch_size: int = 25
     draws: int = 1
     workers: int = 1
+    cluster: Cluster | None = None
     output_dir: Path | None = None
     shard: Shard = Shard()
     merge: tuple[Path, ...] = ()
