@@ -25,9 +25,9 @@ from typing import Any
 
 import numpy as np
 import torch
-from lerobot.configs import PreTrainedConfig
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 
+import lerobot_act_chunking as ac
 from lerobot_act_chunking.diagnostics.core.environments import EnvironmentSpec
 from lerobot_act_chunking.diagnostics.core.recipes import Recipe
 from lerobot_act_chunking.diagnostics.eval.diagnosis import diagnose
@@ -62,6 +62,8 @@ def main() -> None:
 def measure(folder: Path, episodes: int, rounds: int) -> dict[str, Any]:
     """Everything, in a folder of its own."""
     EXECUTORS["ray"].connect(2)
+    checkpoint = untrained(folder / "policy")
+    alone, *others = [evaluated(folder / f"eval_{name}", checkpoint, name) for name in ("alone", *EXECUTORS)]
     played(folder / "first", 1, "local", 1)
     seconds: dict[str, dict[str, list[float]]] = {each: {"1": [], "2": []} for each in EXECUTORS}
     recordings = []
@@ -75,8 +77,6 @@ def measure(folder: Path, episodes: int, rounds: int) -> dict[str, Any]:
         died: list[int] = []
         played(folder / f"{name}_killed", episodes, name, 2, killing(died, episodes // 3))
         killed[name] = {"died": len(died), "same": files(folder / f"{name}_killed") == expected}
-    checkpoint = untrained(folder / "policy")
-    alone, *others = [evaluated(folder / f"eval_{name}", checkpoint, name) for name in ("alone", *EXECUTORS)]
     return {
         "seconds": seconds,
         "same": all(files(each) == expected for each in recordings),
@@ -145,7 +145,7 @@ def untrained(folder: Path) -> str:
     environment = AlohaSimEnvConfig(obs_type="state", task=TASK)
     features = {environment.features_map[name]: each for name, each in environment.features.items()}
     inputs = {name: each for name, each in features.items() if name != "action"}
-    config = PreTrainedConfig.get_choice_class("diffusion_chunked")(
+    config = ac.DiffusionChunkedConfig(
         device="cpu", push_to_hub=False, input_features=inputs, output_features={"action": features["action"]}
     )
     torch.manual_seed(0)

