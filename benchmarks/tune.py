@@ -11,6 +11,7 @@ import json
 import shutil
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from lerobot_act_chunking.diagnostics.core.environments import environment_of, task_environment
 from lerobot_act_chunking.diagnostics.core.statistics import SuccessRate
@@ -20,6 +21,7 @@ from lerobot_act_chunking.diagnostics.tune.measuring import Episodes, make_runne
 from lerobot_act_chunking.diagnostics.tune.racing import Cell
 from lerobot_act_chunking.diagnostics.tune.settings import Settings
 from lerobot_act_chunking.diagnostics.tune.subject import Subject, read_subject
+from lerobot_act_chunking.executors import Cluster, each_done
 
 FIRST_SEED = 1000
 AT_ONCE = 50
@@ -34,6 +36,7 @@ def main() -> None:
     parser.add_argument("--bad", type=json.loads, required=True, help="fields of its configuration, as JSON")
     parser.add_argument("--minutes", type=float, default=5.0)
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--address", type=Cluster, help="of a Ray cluster whose workers they are")
     parser.add_argument("--episodes", type=int, default=100, help="of each candidate's evaluation")
     parser.add_argument("--output", type=Path, help="a JSON file")
     args = parser.parse_args()
@@ -55,12 +58,13 @@ def badly_set(checkpoint: Path, copy: Path, bad: dict[str, object]) -> Path:
 
 def measure(checkpoint: str, folder: Path, args: argparse.Namespace) -> dict[str, object]:
     """Tune, then evaluate all candidates."""
+    workers: dict[str, Any] = {"workers": args.workers, "cluster": args.address}
     settings = Settings(
-        checkpoint, task_environment(args.task), minutes=args.minutes, workers=args.workers, output_dir=folder
+        checkpoint, task_environment(args.task), minutes=args.minutes, output_dir=folder, **workers
     )
     report = diagnose(settings)
     subject = read_subject(checkpoint)
-    rates = evaluate(subject, args.task, args.episodes, args.workers)
+    rates = evaluate(subject, args.task, args.episodes, **workers)
     best = max(rates, key=lambda each: rates[each].rate)
     chosen = report.judgement.chosen
     return {
@@ -80,15 +84,17 @@ def measure(checkpoint: str, folder: Path, args: argparse.Namespace) -> dict[str
     }
 
 
-def evaluate(subject: Subject, task: str, episodes: int, workers: int) -> dict[Candidate, SuccessRate]:
+def evaluate(
+    subject: Subject, task: str, episodes: int, workers: int, cluster: Cluster | None
+) -> dict[Candidate, SuccessRate]:
     """Success of every candidate on the seeds from 1000 on."""
     policy = subject.load()
     env_config = environment_of(subject.config, task_environment(task), subject.checkpoint)
     spans = [(at, min(AT_ONCE, episodes - at)) for at in range(0, episodes, AT_ONCE)]
     cells = [Cell(each, *span) for each in subject.candidates for span in spans]
     successes = dict.fromkeys(subject.candidates, 0)
-    with make_runner(Episodes(subject, env_config, FIRST_SEED), workers, policy) as runner:
-        for cell, outcome in runner.run(cells, lambda: True):
+    with make_runner(Episodes(subject, env_config, FIRST_SEED), workers, policy, cluster) as runner:
+        for cell, outcome in each_done(runner, cells):
             successes[cell.candidate] += sum(outcome)
     return {each: SuccessRate(n, episodes) for each, n in successes.items()}
 

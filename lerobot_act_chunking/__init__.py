@@ -16,8 +16,15 @@ if TYPE_CHECKING:
     from act_chunking_runtime.settings import ExecutionSettings
     from lerobot_act_chunking.envs.demonstration import ExpertOptions
     from lerobot_act_chunking.envs.making import make_env
-    from lerobot_act_chunking.errors import ActChunkingError, ConfigurationError, DatasetError, FeatureError
+    from lerobot_act_chunking.errors import (
+        ActChunkingError,
+        ConfigurationError,
+        DatasetError,
+        FeatureError,
+        WorkerError,
+    )
     from lerobot_act_chunking.execution.executor import ChunkExecutor
+    from lerobot_act_chunking.executors import Cluster
     from lerobot_act_chunking.policies.act_chunked.configuration_act_chunked import ActChunkedConfig
     from lerobot_act_chunking.policies.diffusion_chunked.configuration_diffusion_chunked import (
         DiffusionChunkedConfig,
@@ -36,6 +43,7 @@ __all__ = [
     "ActChunkedConfig",
     "ActChunkingError",
     "ChunkExecutor",
+    "Cluster",
     "ConfigurationError",
     "DatasetError",
     "DiffusionChunkedConfig",
@@ -46,6 +54,7 @@ __all__ = [
     "RecordSpec",
     "TemporalEnsembleConfig",
     "VqbetChunkedConfig",
+    "WorkerError",
     "__version__",
     "load_policy",
     "load_wrapped",
@@ -58,8 +67,15 @@ _POLICIES = "lerobot_act_chunking.policies"
 _MODULES = {
     "lerobot_act_chunking.envs.demonstration": ("ExpertOptions",),
     "lerobot_act_chunking.envs.making": ("make_env",),
-    "lerobot_act_chunking.errors": ("ActChunkingError", "ConfigurationError", "DatasetError", "FeatureError"),
+    "lerobot_act_chunking.errors": (
+        "ActChunkingError",
+        "ConfigurationError",
+        "DatasetError",
+        "FeatureError",
+        "WorkerError",
+    ),
     "lerobot_act_chunking.execution.executor": ("ChunkExecutor",),
+    "lerobot_act_chunking.executors": ("Cluster",),
     "act_chunking_runtime.settings": ("ExecutionSettings",),
     "lerobot_act_chunking.recording": ("RecordSpec", "record", "record_source"),
     f"{_POLICIES}.act_chunked.configuration_act_chunked": ("ActChunkedConfig",),

@@ -14,6 +14,7 @@ __all__ = [
     "ConfigurationError",
     "DatasetError",
     "FeatureError",
+    "WorkerError",
     "look_up",
     "need",
     "unknown_choice",
@@ -22,3 +23,7 @@ __all__ = [
 
 class DatasetError(ActChunkingError):
     """A dataset that is absent, damaged, or not what the command expected."""
+
+
+class WorkerError(ActChunkingError):
+    """Work that was given up because the processes that did it died."""

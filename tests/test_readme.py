@@ -167,6 +167,16 @@ def test_the_table_of_the_study_of_modes_is_that_of_its_results():
         )
 
 
+def test_the_table_of_executors_is_that_of_its_results_which_are_the_same():
+    tables = load("benchmarks/executors.py")
+    page, result = tables.PAGE.read_text(), json.loads(tables.RESULTS.read_text())
+    assert tables.with_table(page, result) == page, "run: python benchmarks/executors.py --table"
+    assert tables.with_table(page.replace("| `ray` |", "| `none` |"), result) == page
+    assert result["same"]
+    assert set(result["eval_same"].values()) == {True}
+    assert result["killed"] == {name: {"died": 1, "same": True} for name in tables.EXECUTORS}
+
+
 def test_the_readme_fits_on_a_few_screens():
     lines = README.splitlines()
     assert len(lines) <= 140

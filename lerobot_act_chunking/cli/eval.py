@@ -1,6 +1,5 @@
 """``act-chunking eval``: how often do policies succeed, and what goes wrong?"""
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -8,7 +7,15 @@ import typer
 from rich.console import Console
 
 from lerobot_act_chunking.cli.environment import Fields, Success, SuccessKey, Task, asked_environment
-from lerobot_act_chunking.cli.options import Json, Picture, to_a_folder
+from lerobot_act_chunking.cli.options import (
+    Address,
+    Executor,
+    Json,
+    Picture,
+    Workers,
+    asked_workers,
+    to_a_folder,
+)
 from lerobot_act_chunking.cli.progress import shown
 from lerobot_act_chunking.cli.reporting import finish
 
@@ -42,9 +49,9 @@ def eval_command(
         Literal["done", "decided"],
         typer.Option(help="decided: stop as soon as it is known which policy is best."),
     ] = "done",
-    workers: Annotated[
-        int | None, typer.Option(help="Processes that run episodes. \\[default: 2, or 1 on one core]")
-    ] = None,
+    workers: Workers = None,
+    executor: Executor = "local",
+    address: Address = None,
     shard: Annotated[
         str, typer.Option(metavar="I/N", help="Run the I-th of N parts, as 1/4, for several machines.")
     ] = "1/1",
@@ -83,6 +90,7 @@ def eval_command(
         raise ConfigurationError(
             "eval acts in an environment: give --env.type (of LeRobot or a plug-in), or --task (as insertion)"
         )
+    n_workers, cluster = asked_workers(workers, executor, address)
     settings = Settings(
         recipes=tuple(map(parse_policy, policies)),
         environment=environment,
@@ -90,7 +98,8 @@ def eval_command(
         seed=seed,
         batch_size=batch_size,
         draws=draws,
-        workers=workers if workers is not None else min(2, os.cpu_count() or 1),
+        workers=n_workers,
+        cluster=cluster,
         output_dir=output_dir,
         shard=parse_shard(shard),
         merge=tuple(merge or ()),

@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from lerobot_act_chunking.cli.environment import Fields, Success, SuccessKey, Task, asked_environment
-from lerobot_act_chunking.cli.options import Json, Picture
+from lerobot_act_chunking.cli.options import Address, Executor, Json, Picture, Workers, asked_workers
 from lerobot_act_chunking.cli.progress import shown
 from lerobot_act_chunking.cli.reporting import finish
 
@@ -30,6 +30,9 @@ def modes_command(
     samples: Annotated[int, typer.Option(help="Chunks to sample at each start.")] = 16,
     seed: Annotated[int, typer.Option(help="Of the first episode, and of all else that is random.")] = 20_000,
     batch_size: Annotated[int, typer.Option(help="Episodes that act together.")] = 50,
+    workers: Workers = None,
+    executor: Executor = "local",
+    address: Address = None,
     json: Json = None,
     out: Picture = None,
 ) -> None:
@@ -49,6 +52,7 @@ def modes_command(
         raise ConfigurationError(
             "modes acts in an environment: give --env.type, as three_gates, or --task, as transfer_modes"
         )
+    n_workers, cluster = asked_workers(workers, executor, address)
     settings = Settings(
         checkpoint=checkpoint,
         environment=environment,
@@ -58,6 +62,8 @@ def modes_command(
         samples=samples,
         seed=seed,
         batch_size=batch_size,
+        workers=n_workers,
+        cluster=cluster,
     )
     with shown("running episodes") as progress:
         report = diagnose(settings, progress)

@@ -1,9 +1,13 @@
 """Options that several commands share, and how their values are read."""
 
+import os
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+
+if TYPE_CHECKING:
+    from lerobot_act_chunking.executors import Cluster
 
 OUT = ("--out", "--output")
 """What a command makes: a checkpoint, a file of codes, or a picture."""
@@ -52,6 +56,52 @@ def _check_parents(name: str, path: Path | None) -> None:
 
 Picture = Annotated[Path | None, typer.Option(*OUT, callback=to_a_file, help="Draw a PNG.")]
 Json = Annotated[Path | None, typer.Option(callback=to_a_file, help="Write every number to this file.")]
+Workers = Annotated[
+    int | None,
+    typer.Option(
+        help="Processes that run episodes; the results are the same. \\[default: 2, or 1 on one core; with "
+        "--executor=ray one on each CPU of the cluster]"
+    ),
+]
+Executor = Annotated[
+    Literal["local", "ray"],
+    typer.Option(help="Whose processes: this machine's, or those of a Ray cluster."),
+]
+Address = Annotated[
+    str | None,
+    typer.Option(
+        help="With --executor=ray: of the cluster, as HOST:6379, auto or ray://HOST:10001. \\[default: a Ray "
+        "of this machine, for this command]"
+    ),
+]
+
+
+def asked_workers(
+    workers: int | None, executor: str, address: str | None, default: int | None = None
+) -> "tuple[int, Cluster | None]":
+    """How many workers, and of which cluster; None of this machine.
+
+    Args:
+        workers: of `Workers`.
+        executor: of `Executor`.
+        address: of `Address`.
+        default: how many there are on this machine; None for two, or one on one core.
+
+    Raises:
+        ConfigurationError: an address without Ray, no Ray here, or none at the address.
+    """
+    from lerobot_act_chunking.errors import ConfigurationError
+    from lerobot_act_chunking.executors import Cluster
+    from act_chunking_runtime.number_checks import check_at_least
+
+    if workers is not None:
+        check_at_least(1, workers=workers)
+    if executor == "ray":
+        cluster = Cluster(address)
+        return cluster.connect(workers), cluster
+    if address is not None:
+        raise ConfigurationError(f"--address={address} is of a Ray cluster: give --executor=ray as well")
+    return workers or default or min(2, os.cpu_count() or 1), None
 
 
 def whole_numbers(text: str, refusal: Exception, *, gaps: bool = False) -> tuple[int, ...]:

@@ -5,6 +5,8 @@ from typing import Annotated, Any
 
 import typer
 
+from lerobot_act_chunking.cli.options import Address, Executor, asked_workers
+
 
 def record_command(
     repo_id: Annotated[str, typer.Option(help="Name of the dataset, user/name.")],
@@ -85,7 +87,15 @@ def record_command(
             "as in 80,15,5. \\[default: equal]"
         ),
     ] = "",
-    workers: Annotated[int, typer.Option(help="Processes that play episodes; the dataset is the same.")] = 1,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            help="Processes that play episodes; the dataset is the same. \\[default: 1; with --executor=ray "
+            "one on each CPU of the cluster]"
+        ),
+    ] = None,
+    executor: Executor = "local",
+    address: Address = None,
 ) -> None:
     """Record an expert's successful episodes as a LeRobotDataset.
 
@@ -94,6 +104,7 @@ def record_command(
     from lerobot_act_chunking.envs.demonstration import ExpertOptions
     from lerobot_act_chunking.recording import RecordSpec
 
+    n_workers, cluster = asked_workers(workers, executor, address, default=1)
     _run(
         RecordSpec(
             repo_id=repo_id,
@@ -112,7 +123,8 @@ def record_command(
             expert=ExpertOptions(speed, waypoint_noise, action_noise, dwell),
             operators=_names(operators),
             mode_shares=_shares(mode_shares),
-            workers=workers,
+            workers=n_workers,
+            cluster=cluster,
         )
     )
 

@@ -1,13 +1,20 @@
 """``act-chunking tune``: which execution suits a trained policy, found by measurement."""
 
-import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from lerobot_act_chunking.cli.environment import Fields, Success, SuccessKey, Task, asked_environment
-from lerobot_act_chunking.cli.options import Json, Picture, to_a_folder
+from lerobot_act_chunking.cli.options import (
+    Address,
+    Executor,
+    Json,
+    Picture,
+    Workers,
+    asked_workers,
+    to_a_folder,
+)
 from lerobot_act_chunking.cli.progress import shown
 from lerobot_act_chunking.cli.reporting import finish
 
@@ -29,9 +36,9 @@ def tune_command(
     seed: Annotated[
         int, typer.Option(help="Of the first episode; keep away from those that you evaluate on.")
     ] = 100_000,
-    workers: Annotated[
-        int | None, typer.Option(help="Processes that run episodes. \\[default: 2, or 1 on one core]")
-    ] = None,
+    workers: Workers = None,
+    executor: Executor = "local",
+    address: Address = None,
     output_dir: Annotated[
         Path | None,
         typer.Option(
@@ -54,6 +61,7 @@ def tune_command(
     from lerobot_act_chunking.diagnostics.tune.settings import Settings
     from lerobot_act_chunking.diagnostics.tune.terminal import print_report
 
+    n_workers, cluster = asked_workers(workers, executor, address)
     settings = Settings(
         checkpoint=checkpoint,
         environment=asked_environment(env, task, success, success_key=success_key),
@@ -61,7 +69,8 @@ def tune_command(
         episodes=episodes if episodes is not None else 10 if dataset is not None else 100,
         minutes=minutes,
         seed=seed,
-        workers=workers if workers is not None else min(2, os.cpu_count() or 1),
+        workers=n_workers,
+        cluster=cluster,
         output_dir=output_dir,
         write=write,
     )

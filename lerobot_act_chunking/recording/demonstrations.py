@@ -19,10 +19,11 @@ def record(
     Raises:
         ConfigurationError: the dataset's folder holds something else or cannot be written, or the recording
             begun there had other settings.
-        DatasetError: an episode that is not finite, an expert that keeps failing, a dead worker, a full disk.
+        DatasetError: an episode that is not finite, an expert that keeps failing, a full disk.
+        WorkerError: workers died again and again.
     """
     target = Target(_root(spec), spec.repo_id, spec.episodes, spec.seed)
-    return record_source(spec.source(), target, workers=spec.workers, progress=progress)
+    return record_source(spec.source(), target, workers=spec.workers, cluster=spec.cluster, progress=progress)
 
 
 def _root(spec: RecordSpec) -> Path:

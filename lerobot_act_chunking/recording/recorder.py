@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.executors import Cluster, Executor
 from lerobot_act_chunking.recording.attempts import AttemptQueue
-from lerobot_act_chunking.recording.episode import EpisodeSource
+from lerobot_act_chunking.recording.episode import Episode, EpisodeSource
 from lerobot_act_chunking.recording.full_disk import explain_full_disk
-from lerobot_act_chunking.recording.runners import make_runner
+from lerobot_act_chunking.recording.runners import StoringRunner, open_attempts
 from lerobot_act_chunking.recording.shares import ONE_WAY
 from lerobot_act_chunking.recording.staging import Staging, differences, open_staging, staging_folder
 from lerobot_act_chunking.recording.summary import (
@@ -21,7 +22,8 @@ from lerobot_act_chunking.recording.summary import (
     read_summary,
 )
 
-_QUEUED_PER_WORKER = 4  # enough to keep workers busy while the recorder imports LeRobot or encodes a video
+# Keeps workers busy while the recorder imports LeRobot or encodes a video, and bounds what it holds of them.
+_QUEUED_PER_WORKER = 4
 
 
 @dataclass(frozen=True)
@@ -78,26 +80,28 @@ def record_source(
     target: Target,
     *,
     workers: int = 1,
+    cluster: Cluster | None = None,
     progress: Callable[[RecordingProgress], None] = lambda _: None,
 ) -> RecordResult:
     """Record the first ``target.episodes`` successes among consecutive seeds, or finish doing so.
 
-    The dataset is the same, byte for byte, whatever the number of workers and however often the recording was
-    interrupted. It appears under its name only when it is complete; until then finished episodes wait in a
-    hidden folder beside it. A complete dataset does not grow: record more into another folder, from the next
-    seed on, and merge the two with LeRobot.
+    The dataset is the same, byte for byte, whatever the number of workers, however often the recording was
+    interrupted, and whichever workers died. It appears under its name only when it is complete; until then
+    finished episodes wait in a hidden folder beside it. A complete dataset does not grow: record more into
+    another folder, from the next seed on, and merge the two with LeRobot.
 
     Args:
         source: where episodes come from; with ``shares`` (`ModeShares`), so many successes of each way.
         target: the dataset to make.
         workers: processes that play episodes; 1 plays them in this one.
+        cluster: whose processes; by default this machine's.
         progress: called after every attempt.
 
     Raises:
         ConfigurationError: ``target.root`` holds something else or cannot be written, or the recording begun
             there had other settings.
-        DatasetError: an episode that is not finite or ill-shaped, an expert that keeps failing, a worker that
-            died, a full disk.
+        DatasetError: an episode that is not finite or ill-shaped, an expert that keeps failing, a full disk.
+        WorkerError: workers died again and again.
     """
     start = time.monotonic()
     settings = {**source.settings, "first_seed": target.first_seed}
@@ -105,8 +109,12 @@ def record_source(
     already_complete = summary is not None
     if summary is None:
         manifest = settings | {f"version of {name}": version for name, version in source.versions.items()}
-        with explain_full_disk(staging_folder(target.root)), open_staging(target.root, manifest) as staging:
-            summary = _record(source, target, settings, staging, workers, progress)
+        with (
+            explain_full_disk(staging_folder(target.root)),
+            open_staging(target.root, manifest) as staging,
+            open_attempts(source, workers, cluster) as executor,
+        ):
+            summary = _record(source, target, settings, staging, executor, progress)
     return RecordResult(
         root=target.root,
         episodes=len(summary.episodes),
@@ -124,32 +132,32 @@ def _record(
     target: Target,
     settings: dict[str, Any],
     staging: Staging,
-    workers: int,
+    executor: Executor[int, Episode],
     progress: Callable[[RecordingProgress], None],
 ) -> RecordingSummary:
     recorded: list[RecordedEpisode] = []
     failed: list[int] = []
     known = staging.store.outcomes()
-    with make_runner(source, staging.store, workers) as runner:
-        ahead = workers * _QUEUED_PER_WORKER
-        shares = getattr(source, "shares", ONE_WAY)
-        attempts = AttemptQueue(runner, known, target.first_seed, target.episodes, ahead, shares)
-        # Imports LeRobot, which takes seconds: the workers are at work by now.
-        from lerobot_act_chunking.recording.assembly import DatasetAssembly
+    runner = StoringRunner(executor, staging.store)
+    ahead = 1 if executor.workers == 1 else executor.workers * _QUEUED_PER_WORKER
+    shares = getattr(source, "shares", ONE_WAY)
+    attempts = AttemptQueue(runner, known, target.first_seed, target.episodes, ahead, shares)
+    # Imports LeRobot, which takes seconds: the workers are at work by now.
+    from lerobot_act_chunking.recording.assembly import DatasetAssembly
 
-        with DatasetAssembly(staging.dataset, target.repo_id, source.format) as assembly:
-            for seed, success in attempts:
-                if success:
-                    episode = staging.store.load(seed)
-                    assembly.add(episode)
-                    entry = RecordedEpisode(len(recorded), seed, success, len(episode), episode.details)
-                    recorded.append(entry)
-                else:
-                    failed.append(seed)
-                progress(RecordingProgress(len(recorded), len(failed), target.episodes))
-            summary = RecordingSummary(settings, source.versions, tuple(failed), tuple(recorded))
-            assembly.finish(asdict(summary))
-            staging.publish()
+    with DatasetAssembly(staging.dataset, target.repo_id, source.format) as assembly:
+        for seed, success in attempts:
+            if success:
+                episode = staging.store.load(seed)
+                assembly.add(episode)
+                entry = RecordedEpisode(len(recorded), seed, success, len(episode), episode.details)
+                recorded.append(entry)
+            else:
+                failed.append(seed)
+            progress(RecordingProgress(len(recorded), len(failed), target.episodes))
+        summary = RecordingSummary(settings, source.versions, tuple(failed), tuple(recorded))
+        assembly.finish(asdict(summary))
+        staging.publish()
     return summary
 
 

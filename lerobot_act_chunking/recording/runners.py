@@ -1,19 +1,18 @@
-"""Running attempts, here or in worker processes; either way each ends as a file in the episode store."""
+"""Attempts that are played by workers, and kept in the episode store by this process as they end."""
 
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
-from multiprocessing.connection import Connection, wait
-from typing import Protocol, Self, cast
+from typing import Protocol
 
-from lerobot_act_chunking.errors import DatasetError
-from lerobot_act_chunking.recording.episode import EpisodeSource, check_episode
+from lerobot_act_chunking.executors import Cluster, Executor, Places, open_executor
+from lerobot_act_chunking.recording.episode import Episode, EpisodeSource, check_episode
 from lerobot_act_chunking.recording.staging import EpisodeStore
-from lerobot_act_chunking.worker_processes import WorkerProcesses
 
 
 class Runner(Protocol):
-    """Runs attempts. A context manager: leaving it ends what is still running."""
+    """Runs attempts."""
 
     def submit(self, seed: int) -> None:
         """Ask for the attempt of ``seed``."""
@@ -23,89 +22,49 @@ class Runner(Protocol):
         """Whether the attempt of ``seed``, asked for before, succeeded; waits for its end."""
         ...
 
-    def __enter__(self) -> Self: ...
 
-    def __exit__(self, *exception: object) -> None: ...
+class StoringRunner:
+    """Has attempts played by an executor, and stores what comes back.
 
+    Args:
+        executor: of `open_attempts`.
+        store: for the episodes.
+    """
 
-def make_runner(source: EpisodeSource, store: EpisodeStore, workers: int) -> Runner:
-    """One worker runs here, more in processes of their own."""
-    return InlineRunner(source, store) if workers == 1 else WorkerPool(source, store, workers)
-
-
-class InlineRunner:
-    """Runs each attempt when its outcome is asked for."""
-
-    def __init__(self, source: EpisodeSource, store: EpisodeStore) -> None:
-        self._source, self._store = source, store
-        self._resources = ExitStack()
-        self._attempt: Callable[[int], tuple[int, bool]] | None = None
-
-    def submit(self, seed: int) -> None:
-        """Nothing to do ahead of time."""
-
-    def succeeded(self, seed: int) -> bool:
-        """Run the attempt."""
-        if self._attempt is None:
-            self._attempt = self._resources.enter_context(_attempts(self._source, self._store))
-        return self._attempt(seed)[1]
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._resources.close()
-
-
-class WorkerPool:
-    """Runs attempts in ``workers`` fresh processes."""
-
-    def __init__(self, source: EpisodeSource, store: EpisodeStore, workers: int) -> None:
-        self._workers = WorkerProcesses(partial(_attempts, source, store), workers, _worker_died)
+    def __init__(self, executor: Executor[int, Episode], store: EpisodeStore) -> None:
+        self._executor, self._store = executor, store
         self._outcomes: dict[int, bool] = {}
-        self._queued = dict.fromkeys(self._workers.connections, 0)
 
     def submit(self, seed: int) -> None:
-        """Queue the attempt with the worker that has least to do."""
-        connection = min(self._queued, key=self._queued.__getitem__)
-        self._workers.send(connection, seed)
-        self._queued[connection] += 1
+        """Queue the attempt."""
+        self._executor.submit(seed)
 
     def succeeded(self, seed: int) -> bool:
-        """Wait for the attempt; a worker's error is raised here."""
+        """Store attempts that end until it is this one's turn; a worker's error is raised here."""
         while seed not in self._outcomes:
-            for ready in wait(list(self._queued)):
-                connection = cast(Connection, ready)
-                finished, success = self._workers.receive(connection)
-                self._outcomes[finished] = success
-                self._queued[connection] -= 1
+            _, episode = self._executor.result()
+            self._store.save(episode)
+            self._outcomes[episode.seed] = episode.success
         return self._outcomes.pop(seed)
 
-    def __enter__(self) -> Self:
-        return self
 
-    def __exit__(self, *exception: object) -> None:
-        self._workers.__exit__()
+def open_attempts(
+    source: EpisodeSource, workers: int, cluster: Cluster | None = None
+) -> Executor[int, Episode]:
+    """What plays the attempts of seeds; one worker is this process."""
+    return open_executor(partial(_attempts, source), workers, cluster)
 
 
 @contextmanager
-def _attempts(source: EpisodeSource, store: EpisodeStore) -> Iterator[Callable[[int], tuple[int, bool]]]:
-    """Runs the attempt of a seed: the seed, and whether it succeeded."""
+def _attempts(source: EpisodeSource, _: Places) -> Iterator[Callable[[int], Episode]]:
+    """Plays the attempt of a seed; of a failure only that comes back."""
     with source.open() as play:
 
-        def attempt(seed: int) -> tuple[int, bool]:
+        def attempt(seed: int) -> Episode:
             episode = play(seed)
-            if episode.success:
-                check_episode(episode, source.format)
-            store.save(episode)
-            return seed, episode.success
+            if not episode.success:
+                return replace(episode, arrays={}, videos={})
+            check_episode(episode, source.format)
+            return episode
 
         yield attempt
-
-
-def _worker_died() -> DatasetError:
-    return DatasetError(
-        "a recording worker died (out of memory, or a script that starts workers without "
-        "`if __name__ == '__main__':`); finished episodes are safe: "
-        "run again, with fewer workers if memory is short"
-    )

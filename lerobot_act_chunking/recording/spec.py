@@ -13,6 +13,7 @@ from lerobot_act_chunking.envs.robotics.options import RoboticsOptions
 from lerobot_act_chunking.envs.so_arm.options import SoArmOptions
 from lerobot_act_chunking.envs.three_gates.options import ThreeGatesOptions
 from lerobot_act_chunking.errors import ConfigurationError, unknown_choice
+from lerobot_act_chunking.executors import Cluster
 from lerobot_act_chunking.recording.aloha import AlohaSource
 from lerobot_act_chunking.recording.robotics import RoboticsSource
 from lerobot_act_chunking.recording.simulated import SimulatedSource
@@ -72,6 +73,7 @@ class RecordSpec:
         mode_shares: percentages of the episodes that go each way, where a task has several; by default equal
             ones.
         workers: processes that play episodes; the dataset does not depend on it.
+        cluster: whose processes; by default this machine's.
 
     Raises:
         ConfigurationError: a value that cannot work.
@@ -94,6 +96,7 @@ class RecordSpec:
     operators: tuple[str, ...] = ()
     mode_shares: tuple[float, ...] = ()
     workers: int = 1
+    cluster: Cluster | None = None
 
     def __post_init__(self) -> None:
         if not _REPO_ID.fullmatch(self.repo_id):

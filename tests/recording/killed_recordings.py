@@ -13,8 +13,8 @@ from pkgutil import resolve_name
 
 from fake_source import FakeSource
 
+from lerobot_act_chunking.executors.local import LocalWorker
 from lerobot_act_chunking.recording import Target, record_source
-from lerobot_act_chunking.recording.runners import WorkerPool
 
 EPISODES = 4
 FAILING = (1,)
@@ -68,13 +68,14 @@ def kill_at(whose, name, call, when):
 
 def note_workers(file):
     """Write down the workers' process ids."""
-    start = WorkerPool.__init__
+    start = LocalWorker.__init__
 
     def wrapper(self, *args):
         start(self, *args)
-        file.write_text(" ".join(str(process.pid) for process in self._workers.processes))
+        with file.open("a") as out:
+            out.write(f"{self.process.pid} ")
 
-    WorkerPool.__init__ = wrapper
+    LocalWorker.__init__ = wrapper
 
 
 def record_until_killed(folder, moment):

@@ -9,10 +9,11 @@ import numpy as np
 from lerobot_act_chunking.diagnostics.core.clock import Clock
 from lerobot_act_chunking.diagnostics.core.outcomes import Outcomes
 from lerobot_act_chunking.diagnostics.core.rollouts import Rollout
-from lerobot_act_chunking.diagnostics.core.tasks import InlineTasks, Tasks, WorkerTasks
+from lerobot_act_chunking.diagnostics.core.tasks import open_tasks
 from lerobot_act_chunking.diagnostics.diagnose.playing import Stage, Task
 from lerobot_act_chunking.diagnostics.diagnose.records import Record, keep, make_record, read_kept
 from lerobot_act_chunking.diagnostics.diagnose.trials import AS_IT_IS, Trial
+from lerobot_act_chunking.executors import Executor, each_done
 
 Plan = Mapping[Trial, Sequence[int]]
 Found = dict[Trial, dict[int, bool]]
@@ -31,7 +32,7 @@ class Laboratory:
 
     def __init__(
         self,
-        tasks: Tasks[Task, list[Rollout]],
+        tasks: Executor[Task, list[Rollout]],
         store: Outcomes,
         clock: Clock,
         batch_size: int,
@@ -88,7 +89,7 @@ class Laboratory:
 
     def _run(self, missing: Sequence[Task]) -> Iterator[tuple[Task, list[Rollout]]]:
         done = 0
-        for task, rollouts in self._tasks.run(missing, self._clock.may_begin) if missing else ():
+        for task, rollouts in each_done(self._tasks, missing, self._clock.may_begin) if missing else ():
             done += 1
             self._clock.advance(done=len(rollouts))
             yield task, rollouts
@@ -111,9 +112,5 @@ def open_laboratory(
     stage: Stage, store: Outcomes, clock: Clock, *, batch_size: int, workers: int, names: Sequence[str]
 ) -> Iterator[Laboratory]:
     """One worker runs episodes here, more in processes of their own."""
-    if workers == 1:
-        with stage.open() as play:
-            yield Laboratory(InlineTasks(play), store, clock, batch_size, names)
-        return
-    with WorkerTasks(stage.open, workers) as tasks:
+    with open_tasks(stage.open, workers) as tasks:
         yield Laboratory(tasks, store, clock, batch_size, names)

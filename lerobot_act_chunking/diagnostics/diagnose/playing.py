@@ -1,7 +1,7 @@
 """Lets a policy act with one thing changed."""
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -15,6 +15,7 @@ from lerobot_act_chunking.diagnostics.core.executable import Executable
 from lerobot_act_chunking.diagnostics.core.rollouts import Rollout, roll_out
 from lerobot_act_chunking.diagnostics.core.success_keys import check_said
 from lerobot_act_chunking.diagnostics.diagnose.trials import Trial
+from lerobot_act_chunking.executors import Places
 from lerobot_act_chunking.policies.loading import LoadedPolicy
 
 
@@ -52,8 +53,8 @@ class Stage:
     env_config: EnvConfig
 
     @contextmanager
-    def open(self) -> Iterator[Callable[[Task], list[Rollout]]]:
-        """What plays tasks; policies are loaded once for each checkpoint."""
+    def open(self, _: Places = nullcontext) -> Iterator[Callable[[Task], list[Rollout]]]:
+        """What plays tasks on this machine; policies are loaded once for each checkpoint."""
         yield partial(self._play, {})
 
     def _play(self, loaded: dict[str | None, LoadedPolicy], task: Task) -> list[Rollout]:

@@ -59,6 +59,7 @@ def diagnose(settings: Settings, progress: Progress | None = None) -> EvalReport
         settings.groups,
         episodes=settings.episodes,
         workers=settings.workers,
+        cluster=settings.cluster,
         until_decided=settings.until_decided,
         progress=progress,
     )

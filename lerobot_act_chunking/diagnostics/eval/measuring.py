@@ -5,11 +5,12 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 
 from lerobot_act_chunking.diagnostics.core.played import Episode
-from lerobot_act_chunking.diagnostics.core.tasks import InlineTasks, Tasks, WorkerTasks
+from lerobot_act_chunking.diagnostics.core.tasks import open_tasks
 from lerobot_act_chunking.diagnostics.eval.deciding import Decision, decide
 from lerobot_act_chunking.diagnostics.eval.episodes import Group
 from lerobot_act_chunking.diagnostics.eval.playing import Played, Stage, Task
 from lerobot_act_chunking.diagnostics.eval.runs import Run
+from lerobot_act_chunking.executors import Cluster, Executor, each_done
 
 
 @dataclass
@@ -47,6 +48,7 @@ def measure(
     *,
     episodes: int,
     workers: int,
+    cluster: Cluster | None = None,
     until_decided: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[Results, Decision | None]:
@@ -58,6 +60,7 @@ def measure(
         numbers: of the groups that are wanted of each.
         episodes: most of each run that count.
         workers: processes.
+        cluster: whose; by default this machine's.
         until_decided: end after the first group with which it is known which is best, or with which nothing
             is known of success.
         progress: called with the numbers of episodes done and planned.
@@ -67,7 +70,7 @@ def measure(
     decision = None
     rounds = [[number] for number in numbers] if until_decided else [list(numbers)]
     with ExitStack() as resources:
-        tasks: Tasks[Task, Played] | None = None
+        tasks: Executor[Task, Played] | None = None
         for wanted in rounds:
             missing = {
                 run.task(number): (run, number)
@@ -76,8 +79,10 @@ def measure(
                 if number not in results.groups[run.title]
             }
             if missing and tasks is None:
-                tasks = resources.enter_context(_tasks(stage, min(workers, planned), resources))
-            for task, played in tasks.run(list(missing), _always) if tasks is not None else ():
+                tasks = resources.enter_context(
+                    open_tasks(stage.open, min(workers, planned), cluster, stage.subjects)
+                )
+            for task, played in each_done(tasks, missing) if tasks is not None else ():
                 run, number = missing[task]
                 run.keep(number, played)
                 results.groups[run.title][number] = played.group
@@ -89,13 +94,3 @@ def measure(
                 if decision.decided or not results.is_judged:
                     break
     return results, decision
-
-
-def _tasks(stage: Stage, workers: int, resources: ExitStack) -> Tasks[Task, Played]:
-    if workers == 1:
-        return InlineTasks(resources.enter_context(stage.open()))
-    return WorkerTasks(stage.open, workers)
-
-
-def _always() -> bool:
-    return True

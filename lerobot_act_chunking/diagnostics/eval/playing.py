@@ -13,6 +13,7 @@ from lerobot_act_chunking.diagnostics.core.played import describe
 from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
 from lerobot_act_chunking.diagnostics.eval.episodes import Group, timing_of
 from lerobot_act_chunking.diagnostics.eval.subject import Subject
+from lerobot_act_chunking.executors import Places
 from lerobot_act_chunking.policies.loading import LoadedPolicy, load_policy
 
 
@@ -60,9 +61,9 @@ class Stage:
     batch_size: int
 
     @contextmanager
-    def open(self) -> Iterator[Callable[[Task], Played]]:
+    def open(self, places: Places) -> Iterator[Callable[[Task], Played]]:
         """What plays tasks; it keeps the checkpoint that it has loaded last."""
-        yield partial(self._play, _Shelf())
+        yield partial(self._play, _Shelf(places))
 
     def _play(self, shelf: "_Shelf", task: Task) -> Played:
         policy = shelf.policy(task.checkpoint)
@@ -87,11 +88,13 @@ class Stage:
 class _Shelf:
     """The checkpoint that was loaded last."""
 
-    def __init__(self) -> None:
+    def __init__(self, places: Places) -> None:
+        self._places = places
         self._checkpoint: str | None = None
 
     def policy(self, checkpoint: str) -> LoadedPolicy:
         if checkpoint != self._checkpoint:
-            self._policy = load_policy(checkpoint)
+            with self._places(checkpoint) as folder:
+                self._policy = load_policy(folder)
             self._checkpoint = checkpoint
         return self._policy

@@ -9,6 +9,7 @@ from lerobot_act_chunking.diagnostics.core.environments import EnvironmentSpec
 from lerobot_act_chunking.diagnostics.core.eval_info import EVAL_INFO
 from lerobot_act_chunking.diagnostics.core.recipes import Recipe, check_names, parse_recipe
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.executors import Cluster
 
 FIRST_SEED = 1000  # lerobot-eval's
 EXAMPLE = "act=outputs/train/act/checkpoints/last/pretrained_model"
@@ -45,6 +46,7 @@ class Settings:
         batch_size: episodes that act together, as ``--eval.batch_size`` of ``lerobot-eval``.
         draws: how often a policy that samples repeats every episode, each time with other noise.
         workers: processes.
+        cluster: whose; by default this machine's.
         output_dir: where everything is kept; by default a folder that follows from the question.
         shard: the part to do here.
         merge: folders of other parts, whose episodes are taken over.
@@ -62,6 +64,7 @@ class Settings:
     batch_size: int = 25
     draws: int = 1
     workers: int = 1
+    cluster: Cluster | None = None
     output_dir: Path | None = None
     shard: Shard = Shard()
     merge: tuple[Path, ...] = ()

@@ -17,22 +17,18 @@ class Subject:
         checkpoint: folder or repo id.
         config: the policy's.
         env_config: of the environment that shows what this policy observes.
+        action_names: a name for each number of an action.
     """
 
     checkpoint: str
     config: Any
     env_config: EnvConfig
+    action_names: tuple[str, ...]
 
     @property
     def dt(self) -> float:
         """Control period [s]."""
         return 1 / self.env_config.fps
-
-    @property
-    def action_names(self) -> tuple[str, ...]:
-        """A name for each number of an action."""
-        (width,) = self.config.action_feature.shape
-        return action_names(self.env_config, width, self.checkpoint)
 
 
 def read_subject(checkpoint: str, environment: EnvironmentSpec) -> Subject:
@@ -44,4 +40,6 @@ def read_subject(checkpoint: str, environment: EnvironmentSpec) -> Subject:
     """
     config = read_config(checkpoint)
     check_complete(checkpoint, config.type)
-    return Subject(checkpoint, config, environment_of(config, environment, checkpoint))
+    env_config = environment_of(config, environment, checkpoint)
+    (width,) = config.action_feature.shape
+    return Subject(checkpoint, config, env_config, action_names(env_config, width, checkpoint))

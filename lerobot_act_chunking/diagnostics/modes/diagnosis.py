@@ -1,22 +1,20 @@
 """The whole diagnosis, from what is asked to the report."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 from lerobot_act_chunking.data.actions import is_dataset
+from lerobot_act_chunking.diagnostics.core.clock import Progress
 from lerobot_act_chunking.diagnostics.core.environments import environment_of
 from lerobot_act_chunking.diagnostics.core.report import with_untrained
-from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
 from lerobot_act_chunking.diagnostics.core.success_keys import never_said
 from lerobot_act_chunking.diagnostics.core.training import read_training, untrained
 from lerobot_act_chunking.diagnostics.modes.demonstrated import Demonstrated, read_demonstrated
 from lerobot_act_chunking.diagnostics.modes.measuring import measure
+from lerobot_act_chunking.diagnostics.modes.playing import play
 from lerobot_act_chunking.diagnostics.modes.report import ModesReport
 from lerobot_act_chunking.diagnostics.modes.settings import Settings
 from lerobot_act_chunking.policies.loading import check_complete, load_policy, read_config
-
-Progress = Callable[[int, int], None]
 
 
 def diagnose(settings: Settings, progress: Progress | None = None) -> ModesReport:
@@ -36,14 +34,7 @@ def diagnose(settings: Settings, progress: Progress | None = None) -> ModesRepor
     env_config = environment_of(config, settings.environment, settings.checkpoint)
     demonstrated = _demonstrated(settings, config)
     loaded = load_policy(settings.checkpoint)
-    seeds = range(settings.seed, settings.seed + settings.episodes)
-    rollouts = roll_out(
-        loaded,
-        env_config,
-        seeds,
-        n_envs=settings.batch_size,
-        progress=None if progress is None else lambda done: progress(done, settings.episodes),
-    )
+    rollouts = play(settings, env_config, progress)
     report = measure(settings, loaded, rollouts, demonstrated)
     judgement = with_untrained(report.judgement, untrained(settings.checkpoint))
     unknown = never_said(env_config, [rollout.instead for rollout in rollouts])

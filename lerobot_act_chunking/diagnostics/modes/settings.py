@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from act_chunking_runtime.number_checks import check_at_least
 from lerobot_act_chunking.diagnostics.core.environments import EnvironmentSpec
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.executors import Cluster
 
 FIRST_SEED = 20_000
 """Of the first episode: others than those that evaluations usually choose checkpoints by."""
@@ -45,6 +46,8 @@ class Settings:
         samples: chunks to sample at each start.
         seed: of the first episode, and of all else that is random.
         batch_size: episodes that act together.
+        workers: processes that run episodes.
+        cluster: whose; by default this machine's.
         thresholds: when to worry.
 
     Raises:
@@ -59,10 +62,18 @@ class Settings:
     samples: int = 16
     seed: int = FIRST_SEED
     batch_size: int = 50
+    workers: int = 1
+    cluster: Cluster | None = None
     thresholds: Thresholds = field(default_factory=Thresholds)
 
     def __post_init__(self) -> None:
-        check_at_least(1, episodes=self.episodes, samples=self.samples, batch_size=self.batch_size)
+        check_at_least(
+            1,
+            episodes=self.episodes,
+            samples=self.samples,
+            batch_size=self.batch_size,
+            workers=self.workers,
+        )
         check_at_least(0, seed=self.seed)
         whole = math.isclose(sum(self.shares), 100, abs_tol=0.5)
         if self.shares and (len(self.shares) < 2 or min(self.shares) < 0 or not whole):

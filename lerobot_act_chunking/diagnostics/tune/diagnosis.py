@@ -23,6 +23,7 @@ from lerobot_act_chunking.diagnostics.tune.store import Store
 from lerobot_act_chunking.diagnostics.tune.subject import Subject, read_subject
 from lerobot_act_chunking.diagnostics.tune.verdict import TuneJudgement, judge_race, judge_replay
 from lerobot_act_chunking.diagnostics.tune.writing import changes, check_writable, wrap_command, write
+from lerobot_act_chunking.executors import each_done
 
 
 def diagnose(settings: Settings, progress: Progress | None = None) -> TuneReport:
@@ -58,8 +59,8 @@ def _raced(settings: Settings, subject: Subject, environment: EnvironmentSpec, c
     policy = subject.load()
     store = Store(_question(settings, subject, env_config), settings.output_dir)
     episodes = Episodes(subject, env_config, settings.seed)
-    with make_runner(episodes, settings.workers, policy) as runner:
-        evaluate = store.remembering(lambda cells: runner.run(cells, clock.may_begin))
+    with make_runner(episodes, settings.workers, policy, settings.cluster) as runner:
+        evaluate = store.remembering(lambda cells: each_done(runner, cells, clock.may_begin))
 
         def counted(cells: Sequence[CandidateCell]) -> Any:
             clock.advance(planned=sum(cell.n for cell in cells))

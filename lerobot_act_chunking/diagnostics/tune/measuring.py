@@ -2,17 +2,18 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 from lerobot_act_chunking.diagnostics.core.executable import execute
 from lerobot_act_chunking.diagnostics.core.rollouts import roll_out
 from lerobot_act_chunking.diagnostics.core.success_keys import check_said
-from lerobot_act_chunking.diagnostics.core.tasks import InlineTasks, Tasks, WorkerTasks
+from lerobot_act_chunking.diagnostics.core.tasks import open_tasks
 from lerobot_act_chunking.diagnostics.tune.candidates import Candidate
 from lerobot_act_chunking.diagnostics.tune.racing import Cell
 from lerobot_act_chunking.diagnostics.tune.subject import Subject
+from lerobot_act_chunking.executors import Cluster, Executor, Places
 from lerobot_act_chunking.policies.loading import LoadedPolicy
 
 CandidateCell = Cell[Candidate]
@@ -46,14 +47,21 @@ class Episodes:
         return [rollout.success for rollout in rollouts]
 
 
-def make_runner(episodes: Episodes, workers: int, policy: LoadedPolicy) -> Tasks[CandidateCell, list[bool]]:
+def make_runner(
+    episodes: Episodes, workers: int, policy: LoadedPolicy, cluster: Cluster | None = None
+) -> Executor[CandidateCell, list[bool]]:
     """One worker runs here with the policy that is loaded, more load it in processes of their own."""
-    if workers == 1:
-        return InlineTasks(partial(episodes.play, policy))
-    return WorkerTasks(partial(_player, episodes), workers)
+    alone = workers == 1 and cluster is None
+    player = partial(_player, episodes, policy if alone else None)
+    return open_tasks(player, workers, cluster, [episodes.subject.checkpoint])
 
 
 @contextmanager
-def _player(episodes: Episodes) -> Iterator[Callable[[CandidateCell], list[bool]]]:
-    """Runs a cell with a policy of this process's own."""
-    yield partial(episodes.play, episodes.subject.load())
+def _player(
+    episodes: Episodes, policy: LoadedPolicy | None, places: Places
+) -> Iterator[Callable[[CandidateCell], list[bool]]]:
+    """Runs a cell with the policy that is loaded, or one of this process's own."""
+    if policy is None:
+        with places(episodes.subject.checkpoint) as folder:
+            policy = replace(episodes.subject, checkpoint=folder).load()
+    yield partial(episodes.play, policy)

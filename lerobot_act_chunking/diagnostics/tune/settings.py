@@ -6,6 +6,7 @@ from pathlib import Path
 from act_chunking_runtime.number_checks import check_at_least, check_positive
 from lerobot_act_chunking.diagnostics.core.environments import EnvironmentSpec
 from lerobot_act_chunking.errors import ConfigurationError
+from lerobot_act_chunking.executors import Cluster
 
 FIRST_SEED = 100_000
 """Of the episodes; those of later evaluations usually begin at 1000 and stay unseen."""
@@ -23,6 +24,7 @@ class Settings:
         minutes: no episodes are begun after this time.
         seed: of the first episode.
         workers: processes that run episodes.
+        cluster: whose; by default this machine's.
         output_dir: where finished episodes are kept; by default a folder that follows from the question.
         write: change the checkpoint's configuration to the choice.
 
@@ -37,6 +39,7 @@ class Settings:
     minutes: float = 5.0
     seed: int = FIRST_SEED
     workers: int = 1
+    cluster: Cluster | None = None
     output_dir: Path | None = None
     write: bool = False
 
