@@ -90,9 +90,9 @@ def asked_workers(
     Raises:
         ConfigurationError: an address without Ray, no Ray here, or none at the address.
     """
+    from act_chunking_runtime.number_checks import check_at_least
     from lerobot_act_chunking.errors import ConfigurationError
     from lerobot_act_chunking.executors import Cluster
-    from act_chunking_runtime.number_checks import check_at_least
 
     if workers is not None:
         check_at_least(1, workers=workers)
