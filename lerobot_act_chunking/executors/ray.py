@@ -15,6 +15,7 @@ import tempfile
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import cache, partial
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from textwrap import shorten
@@ -162,10 +163,17 @@ def versions() -> dict[str, str]:
             found[name] = version(name)
         except PackageNotFoundError:
             found[name] = "not installed"
-    code, package = hashlib.sha256(), Path(__file__).parents[1]
-    for path in sorted(package.rglob("*.py")):
-        code.update(f"{path.relative_to(package).as_posix()} ".encode() + path.read_bytes())
-    return {**found, "code of lerobot_act_chunking": code.hexdigest()[:12]}
+    return found | {
+        f"code of {name}": _digest(name) for name in ("lerobot_act_chunking", "act_chunking_runtime")
+    }
+
+
+def _digest(package: str) -> str:
+    """Of the package's modules."""
+    code, folder = hashlib.sha256(), Path(import_module(package).__path__[0])
+    for path in sorted(folder.rglob("*.py")):
+        code.update(f"{path.relative_to(folder).as_posix()} ".encode() + path.read_bytes())
+    return code.hexdigest()[:12]
 
 
 def check_versions(there: Mapping[str, str], here: Mapping[str, str]) -> None:
