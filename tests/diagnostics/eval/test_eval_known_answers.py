@@ -8,7 +8,7 @@ import torch
 from lerobot.configs import FeatureType, PolicyFeature
 from small_policies import STATE
 
-from lerobot_act_chunking.diagnostics.core.environments import EnvironmentSpec, environment_of
+from lerobot_act_chunking.diagnostics.core.environments import EnvironmentSpec, action_names, environment_of
 from lerobot_act_chunking.diagnostics.core.recipes import Recipe
 from lerobot_act_chunking.diagnostics.eval import diagnosis, playing
 from lerobot_act_chunking.diagnostics.eval.diagnosis import diagnose
@@ -62,7 +62,8 @@ def evaluate(monkeypatch, tmp_path):
     def evaluate(command, task, rule="touch"):
         policy = Scripted(command, task)
         spec = EnvironmentSpec("aloha_sim", {"task": task, "success": rule})
-        subject = Subject("scripted", policy.config, environment_of(policy.config, spec))
+        env_config = environment_of(policy.config, spec)
+        subject = Subject("scripted", policy.config, env_config, action_names(env_config, 14, "scripted"))
         monkeypatch.setattr(diagnosis, "read_subject", lambda *_: subject)
         monkeypatch.setattr(diagnosis, "checkpoint_digest", str)
         monkeypatch.setattr(playing, "load_policy", lambda _: LoadedPolicy(policy, dict, lambda each: each))
