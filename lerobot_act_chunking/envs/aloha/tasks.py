@@ -32,7 +32,7 @@ class Task:
     """One (low xyz, high xyz) box [m] per object, in the order of the model's free joints."""
     reward: Callable[..., int]  # of the touching geoms, and of the goal where there are several cubes
     cubes: tuple[str, ...] = ()
-    """Colours of the cubes, where there are several: they take the start boxes in random order."""
+    """Colours of the cubes, where there are several."""
     hand_overs: tuple[tuple[float, float, float], ...] = ()
     """Where the cube changes hands [m], one place for each of several equally valid ways; none: anywhere."""
 
@@ -111,8 +111,6 @@ def sample_object_pose(task: str, rng: np.random.Generator) -> np.ndarray:
         ConfigurationError: unknown task.
     """
     boxes = get_task(task).start_boxes
-    if get_task(task).cubes:
-        boxes = [boxes[place] for place in rng.permutation(len(boxes))]
     return np.concatenate([np.concatenate([rng.uniform(low, high), _UPRIGHT]) for low, high in boxes])
 
 

@@ -53,15 +53,14 @@ def test_a_seed_is_one_scene_and_one_goal_in_different_words(env):
     assert not all(told)
 
 
-def test_cubes_lie_apart_where_both_arms_reach_and_change_places(env):
+def test_cubes_lie_apart_where_both_arms_reach(env):
     poses = []
     for seed in range(30):
         env.reset(seed=seed)
         poses.append(env.world.environment_state().reshape(3, 7)[:, :2])
     poses = np.array(poses)
     assert np.abs(poses[..., 0]).max() <= 0.04
-    assert np.diff(np.sort(poses[..., 1], axis=1), axis=1).min() >= 0.09
-    assert len({tuple(np.argsort(each[:, 1])) for each in poses}) == 6
+    assert np.diff(poses[..., 1], axis=1).min() >= 0.09
 
 
 @pytest.mark.parametrize("goal", [Goal("green", "left"), Goal("blue", "right")], ids=["left", "right"])

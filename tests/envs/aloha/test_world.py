@@ -17,9 +17,10 @@ from lerobot_act_chunking.errors import ActChunkingError, ConfigurationError, Fe
 POSE_SIZES = {"transfer_cube": 7, "insertion": 14, "transfer_modes": 7, "language_transfer": 21}
 UPRIGHT = [0.1, 0.5, 0.05, 1.0, 0.0, 0.0, 0.0]
 
+MIDDLES = (0.37, 0.5, 0.63)
 RANGES = {  # of x and y, where they are not those of transfer_cube
     "insertion": ([[0.1, 0.4], [-0.2, 0.4]], [[0.2, 0.6], [-0.1, 0.6]]),
-    "language_transfer": ([[-0.04, 0.35]] * 3, [[0.04, 0.65]] * 3),
+    "language_transfer": ([[-0.04, y - 0.02] for y in MIDDLES], [[0.04, y + 0.02] for y in MIDDLES]),
 }
 
 
