@@ -10,6 +10,7 @@ import pytest
 import torch
 from gymnasium.envs import registration
 from lerobot.envs.configs import EnvConfig
+from lerobot.utils.import_utils import register_third_party_plugins
 from tiers import full_tier
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
@@ -25,7 +26,7 @@ def run(monkeypatch, tmp_path):
         monkeypatch.setattr(sys, "argv", [str(file), "--help"])
         runpy.run_path(str(file), run_name="__main__")
 
-    # What a file registers is forgotten with it.
+    register_third_party_plugins()  # stays; what a file registers is forgotten with it
     monkeypatch.setattr(EnvConfig, "_choice_registry", dict(EnvConfig._choice_registry))
     monkeypatch.setattr(registration, "registry", dict(registration.registry))
     monkeypatch.chdir(tmp_path)
