@@ -13,9 +13,8 @@ from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
-from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs.configs import EnvConfig
-from world_recording import write_demonstrations
+from world_recording import StateWorldConfig, state_features, write_demonstrations
 
 from lerobot_act_chunking.envs.demonstration import ExpertOptions
 from lerobot_act_chunking.envs.three_gates.env import ThreeGatesEnv
@@ -99,26 +98,13 @@ def record(folder: Path, episodes: int = EPISODES) -> None:
 
 
 @dataclass
-class NamedGatesConfig(EnvConfig):
+class NamedGatesConfig(StateWorldConfig):
     """The world for LeRobot."""
 
     task: str | None = "NamedGates-v0"
     fps: int = FPS
     instructions: str = "seen"
-    features: dict = field(
-        default_factory=lambda: {
-            "action": PolicyFeature(FeatureType.ACTION, (2,)),
-            "agent_pos": PolicyFeature(FeatureType.STATE, (2,)),
-            "environment_state": PolicyFeature(FeatureType.ENV, (6,)),
-        }
-    )
-    features_map: dict = field(
-        default_factory=lambda: {
-            "action": "action",
-            "agent_pos": "observation.state",
-            "environment_state": "observation.environment_state",
-        }
-    )
+    features: dict = field(default_factory=lambda: state_features(2, 2, 6))
 
     @property
     def gym_kwargs(self) -> dict:

@@ -11,9 +11,8 @@ from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
-from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs.configs import EnvConfig
-from world_recording import write_demonstrations
+from world_recording import StateWorldConfig, state_features, write_demonstrations
 
 __path__ = []  # LeRobot's --env.discover_packages_path takes every module for a package
 FPS, LIMIT = 20, 140
@@ -132,27 +131,14 @@ def _demonstrations(
 
 
 @dataclass
-class CourierConfig(EnvConfig):
+class CourierConfig(StateWorldConfig):
     """The world for LeRobot."""
 
     task: str | None = "Courier-v0"
     fps: int = FPS
     unfair: float = 0.0
     same_side: bool = False
-    features: dict = field(
-        default_factory=lambda: {
-            "action": PolicyFeature(FeatureType.ACTION, (2,)),
-            "agent_pos": PolicyFeature(FeatureType.STATE, (2,)),
-            "environment_state": PolicyFeature(FeatureType.ENV, (2,)),
-        }
-    )
-    features_map: dict = field(
-        default_factory=lambda: {
-            "action": "action",
-            "agent_pos": "observation.state",
-            "environment_state": "observation.environment_state",
-        }
-    )
+    features: dict = field(default_factory=lambda: state_features(2, 2, 2))
 
     @property
     def gym_kwargs(self) -> dict:

@@ -9,9 +9,8 @@ from itertools import count, islice
 from pathlib import Path
 
 import gymnasium as gym
-from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs.configs import EnvConfig
-from world_recording import write_demonstrations
+from world_recording import StateWorldConfig, state_features, write_demonstrations
 
 from lerobot_act_chunking.errors import need
 
@@ -68,25 +67,12 @@ def record(folder: Path, episodes: int) -> None:
 
 
 @dataclass
-class StrangerConfig(EnvConfig):
+class StrangerConfig(StateWorldConfig):
     """The world for LeRobot."""
 
     task: str | None = "Stranger-v0"
     fps: int = FPS
-    features: dict = field(
-        default_factory=lambda: {
-            "action": PolicyFeature(FeatureType.ACTION, (4,)),
-            "agent_pos": PolicyFeature(FeatureType.STATE, (14,)),
-            "environment_state": PolicyFeature(FeatureType.ENV, (6,)),
-        }
-    )
-    features_map: dict = field(
-        default_factory=lambda: {
-            "action": "action",
-            "agent_pos": "observation.state",
-            "environment_state": "observation.environment_state",
-        }
-    )
+    features: dict = field(default_factory=lambda: state_features(4, 14, 6))
 
     @property
     def gym_kwargs(self) -> dict:

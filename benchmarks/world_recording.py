@@ -1,12 +1,37 @@
-"""Demonstrations in worlds that this package's recorder does not know, as a LeRobotDataset."""
+"""What worlds have in common that this package does not know: LeRobot's configuration, and recording."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from lerobot.configs import FeatureType, PolicyFeature
+from lerobot.envs.configs import EnvConfig
 
 Row = Sequence[Any]
+
+
+@dataclass
+class StateWorldConfig(EnvConfig):
+    """A world without cameras, for LeRobot; others say which one, and its ``features``."""
+
+    features_map: dict = field(
+        default_factory=lambda: {
+            "action": "action",
+            "agent_pos": "observation.state",
+            "environment_state": "observation.environment_state",
+        }
+    )
+
+
+def state_features(action: int, state: int, environment: int) -> dict[str, PolicyFeature]:
+    """``features`` of a world with so many numbers of each."""
+    return {
+        "action": PolicyFeature(FeatureType.ACTION, (action,)),
+        "agent_pos": PolicyFeature(FeatureType.STATE, (state,)),
+        "environment_state": PolicyFeature(FeatureType.ENV, (environment,)),
+    }
 
 
 def write_demonstrations(

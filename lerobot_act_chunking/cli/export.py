@@ -5,21 +5,14 @@ from typing import Annotated
 
 import typer
 
-from lerobot_act_chunking.cli.options import OUT
+from lerobot_act_chunking.cli.options import OUT, PolicyFields
 
 
 def export_command(
     path: Annotated[str, typer.Argument(help="Checkpoint folder (…/pretrained_model) or repo id.")],
     out: Annotated[Path, typer.Option(*OUT, help="The folder to write; must not exist.")],
     opset: Annotated[int, typer.Option(help="Version of ONNX's operators, 18 to 23.")] = 20,
-    policy: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--policy.FIELD",
-            metavar="VALUE",
-            help="Any setting of the policy, in place of the checkpoint's: --policy.execution=crossfade.",
-        ),
-    ] = None,
+    policy: PolicyFields = None,
 ) -> None:
     """Write a checkpoint as an ONNX graph and a JSON file, which act with NumPy and ONNX Runtime alone.
 

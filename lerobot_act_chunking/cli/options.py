@@ -56,6 +56,15 @@ def _check_parents(name: str, path: Path | None) -> None:
 
 Picture = Annotated[Path | None, typer.Option(*OUT, callback=to_a_file, help="Draw a PNG.")]
 Json = Annotated[Path | None, typer.Option(callback=to_a_file, help="Write every number to this file.")]
+PolicyFields = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--policy.FIELD",
+        metavar="VALUE",
+        help="Any setting of the policy, in place of the checkpoint's: --policy.max_speed=1.5.",
+    ),
+]
+"""For a `PolicyCommand`."""
 Workers = Annotated[
     int | None,
     typer.Option(

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from lerobot_act_chunking.cli.environment import EnvironmentCommand
+from lerobot_act_chunking.cli.options import PolicyFields
 
 CLIENT = "python -m lerobot.async_inference.robot_client"
 
@@ -26,14 +27,7 @@ def serve_command(
     host: Annotated[
         str, typer.Option(help="Address to listen at; 0.0.0.0 is all of this machine's.")
     ] = "127.0.0.1",
-    policy: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--policy.FIELD",
-            metavar="VALUE",
-            help="Any setting of the policies, in place of the checkpoints': --policy.max_speed=1.5.",
-        ),
-    ] = None,
+    policy: PolicyFields = None,
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port to listen at.")] = 8080,
 ) -> None:
     """Let policies of every installed type act through LeRobot's robot client, over a network.

@@ -95,7 +95,7 @@ class ChunkedPolicy[ConfigT: ChunkedConfig, NetworkT: nn.Module](
             check_statistics(config, dataset_stats)
         self.config = config
         self.feature_spec = config.feature_spec
-        self._begin_to_listen(dataset_meta)
+        self._load_instruction_encoder(dataset_meta)
         check_size(lambda: self._build(None))
         balanced = config.balance_modes != "none" and dataset_meta is not None
         self.mode_balance = ModeBalance.of_dataset(config, dataset_meta) if balanced else None

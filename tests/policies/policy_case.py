@@ -105,7 +105,7 @@ def history_batch(policy: PreTrainedPolicy, batch_size: int = B) -> dict[str, Te
     n_actions = len(config.action_delta_indices)
     batch["action"] = torch.randn(batch_size, n_actions, A, generator=generator)
     batch["action_is_pad"] = torch.zeros(batch_size, n_actions, dtype=torch.bool)
-    if getattr(policy, "listener", None) is not None:
+    if getattr(policy, "instruction_encoder", None) is not None:
         batch["observation.language.tokens"] = torch.tensor([[2, 5, 3]] * batch_size)
         batch["observation.language.attention_mask"] = torch.ones(batch_size, 3, dtype=torch.bool)
     return batch

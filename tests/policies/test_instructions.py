@@ -12,8 +12,13 @@ from policy_case import ENVIRONMENT, STATE, Case, history_batch
 from policy_cases import TYPES
 from tiny_encoder import LEFT, RIGHT, WORDS, tiny_encoder
 
+from lerobot_act_chunking.data.batch import Observation
 from lerobot_act_chunking.errors import ConfigurationError, DatasetError, FeatureError
+from lerobot_act_chunking.nn import processes
+from lerobot_act_chunking.policies import batch_seeds
+from lerobot_act_chunking.policies.batch_seeds import BatchSeeds
 from lerobot_act_chunking.policies.language.encoder import load_encoder
+from lerobot_act_chunking.policies.language.fields import INSTRUCTION
 from lerobot_act_chunking.policies.temporal_ensemble.configuration_temporal_ensemble import (
     TemporalEnsembleConfig,
 )
@@ -89,8 +94,10 @@ def metadata(*tasks, root):
 @each_type
 def test_each_sample_is_told_its_own_and_every_instruction_is_read_once(policy_type, encoder, monkeypatch):
     policy, preprocess = told(policy_type, encoder)
-    read, states = [], policy.listener.encoder.states
-    monkeypatch.setattr(policy.listener.encoder, "states", lambda each: read.append(each) or states(each))
+    read, states = [], policy.instruction_encoder.encoder.states
+    monkeypatch.setattr(
+        policy.instruction_encoder.encoder, "states", lambda each: read.append(each) or states(each)
+    )
     draws = case_of(policy_type).noise(1)
     same = {name: value.repeat(3, *[1] * (value.ndim - 1)) for name, value in draws.items()}
     batch = observed(policy, preprocess, LEFT, RIGHT, LEFT)
@@ -165,7 +172,7 @@ def test_it_is_as_if_the_policy_had_been_told_from_the_start(encoder):
 
 def test_without_an_encoder_nothing_is_read_or_loaded():
     policy = Case("plain", "act_chunked", STATE).policy()
-    assert policy.listener is None
+    assert policy.instruction_encoder is None
     assert not [name for name in policy.state_dict() if "instruction" in name]
     names = [type(step).__name__ for step in preprocessor_of(policy).steps]
     assert "InstructionTokens" not in names
@@ -293,3 +300,28 @@ def test_an_encoder_that_reads_the_words_itself_is_told_as_well(encoder):
     torch.testing.assert_close(policy.select_action(other), changed)
     with pytest.raises(ConfigurationError, match="leave one of them out"):
         case_of("act_chunked").policy(**body, **reading, **limits, language_encoder=encoder)
+
+
+def test_what_several_processes_leave_out_is_drawn_for_all_of_them(encoder, monkeypatch):
+    policy, preprocess = told("act_chunked", encoder, language_dropout=0.5)
+    policy.train()
+    policy.model.instruction.null.data.fill_(9.0)
+    batch = observed(policy, preprocess, *[LEFT] * 16)
+
+    def left_out(part):
+        torch.manual_seed(0)
+        policy.instruction_seeds = BatchSeeds()
+        part = {key: each[part] for key, each in batch.items() if isinstance(each, torch.Tensor)}
+        window = policy._taught(Observation.from_lerobot(part, policy.feature_spec), part)
+        return (window.vectors[INSTRUCTION] == 9).all((1, 2))
+
+    alone = left_out(slice(16))
+    monkeypatch.setattr(processes, "is_distributed", lambda: True)
+    monkeypatch.setattr(torch.distributed, "get_world_size", lambda: 2)
+    monkeypatch.setattr(batch_seeds, "of_first_process", int)
+    halves = []
+    for rank in range(2):
+        monkeypatch.setattr(torch.distributed, "get_rank", lambda rank=rank: rank)
+        halves.append(left_out(slice(8 * rank, 8 * rank + 8)))
+    assert 0 < alone.sum() < 16
+    assert torch.equal(torch.cat(halves), alone)

@@ -15,7 +15,7 @@ from lerobot_act_chunking.execution.executor import ChunkExecutor
 from lerobot_act_chunking.nn.processes import draw_rows
 from lerobot_act_chunking.policies.batch_seeds import BatchSeeds
 from lerobot_act_chunking.policies.language.fields import INSTRUCTION
-from lerobot_act_chunking.policies.language.listener import Listener
+from lerobot_act_chunking.policies.language.instruction_encoder import InstructionEncoder
 from lerobot_act_chunking.policies.language.watch import InstructionWatch
 
 Batch = dict[str, Any]
@@ -28,7 +28,7 @@ class FollowsInstructions:
     actions that already wait to be executed.
 
     Attributes:
-        listener: None where the policy reads no instructions.
+        instruction_encoder: None where the policy reads no instructions.
         instruction_seeds: of what training leaves out.
     """
 
@@ -39,14 +39,16 @@ class FollowsInstructions:
     _action_queue: ChunkExecutor
     _instructions: InstructionWatch
     _said: tuple[Any, Tensor] | None
-    listener: Listener | None
+    instruction_encoder: InstructionEncoder | None
     instruction_seeds: BatchSeeds | None
     register_load_state_dict_post_hook: Any
 
-    def _begin_to_listen(self, meta: Any | None) -> None:
-        """Load the sentence encoder, if there is one; see `Listener`."""
+    def _load_instruction_encoder(self, meta: Any | None) -> None:
+        """Load the sentence encoder, if there is one; see `InstructionEncoder`."""
         config, trained_on = self.config, None if meta is None or meta.episodes is None else meta
-        self.listener = None if config.language_encoder is None else Listener(config, trained_on)
+        self.instruction_encoder = (
+            None if config.language_encoder is None else InstructionEncoder(config, trained_on)
+        )
         self.instruction_seeds = BatchSeeds() if config.instruction_dropout else None
         self.register_load_state_dict_post_hook(_forget_what_was_said)
 
@@ -56,10 +58,10 @@ class FollowsInstructions:
 
     def _read_all_instructions(self) -> None:
         """Show the reader what the training will say."""
-        if self.listener is not None and self.listener.tasks:
+        if self.instruction_encoder is not None and self.instruction_encoder.tasks:
             embedding: Any = self.model.instruction
-            heard = self.listener.of_training()
-            embedding.reader.fit(heard.states, heard.mask)
+            encoded = self.instruction_encoder.encode_tasks()
+            embedding.reader.fit(encoded.states, encoded.mask)
 
     def _drop_what_was_asked_before(self, batch: Batch) -> None:
         """Where the instruction is another one than in the last step, nothing waits any more."""
@@ -69,7 +71,7 @@ class FollowsInstructions:
 
     def _taught(self, window: Observation, batch: Batch) -> Observation:
         """The observations to learn from, with the instructions of the batch, of which some are left out."""
-        if self.listener is None:
+        if self.instruction_encoder is None:
             return window
         self._said = None  # the weights change
         drop = None
@@ -78,18 +80,21 @@ class FollowsInstructions:
             generator = self.instruction_seeds.next_generator(device)
             drawn = draw_rows(torch.rand, (window.batch_size,), generator=generator, device=device)
             drop = drawn < self.config.instruction_dropout
-        return self._with(window, self._network.instruction(*self.listener.hear(batch), drop))
+        return self._with(window, self._network.instruction(*self.instruction_encoder.encode(batch), drop))
 
     def _instructed(self, window: Observation, batch: Batch, envs: Environments = None) -> Observation:
         """The observations of these environments to act on, with the instructions of the batch.
 
         What was made of the last step's instructions serves as long as their tokens are the same tensor.
         """
-        if self.listener is None:
+        if self.instruction_encoder is None:
             return window
         tokens = batch.get(OBS_LANGUAGE_TOKENS)
         if self._said is None or self._said[0] is not tokens:
-            self._said = tokens, self._network.instruction(*self.listener.hear(batch, acting=True))
+            self._said = (
+                tokens,
+                self._network.instruction(*self.instruction_encoder.encode(batch, acting=True)),
+            )
         said = self._said[1]
         return self._with(window, said if envs is None else said[envs.to(said.device)])
 

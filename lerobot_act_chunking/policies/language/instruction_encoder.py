@@ -20,7 +20,7 @@ REMEMBERED = 1024  # instructions; 48 kB each with the default encoder
 logger = logging.getLogger(__name__)
 
 
-class Heard(NamedTuple):
+class EncodedInstructions(NamedTuple):
     """Instructions, each different one once.
 
     Attributes:
@@ -34,8 +34,8 @@ class Heard(NamedTuple):
     rows: Int64[Tensor, " B"]
 
 
-class Listener:
-    """Hears what is asked for in LeRobot's batches.
+class InstructionEncoder:
+    """Encodes the instructions of LeRobot's batches, each different one once.
 
     Args:
         config: of the policy; what it knows of instructions is filled in.
@@ -80,12 +80,12 @@ class Listener:
                 ". Give the encoder of the training with --policy.language_encoder"
             )
 
-    def of_training(self) -> Heard:
+    def encode_tasks(self) -> EncodedInstructions:
         """All instructions of the training."""
         tokens = [tuple(self.encoder.tokens(task, self._most)) for task in self.tasks]
-        return self._heard(tokens, torch.device("cpu"))
+        return self._encoded(tokens, torch.device("cpu"))
 
-    def hear(self, batch: Mapping[str, Any], *, acting: bool = False) -> Heard:
+    def encode(self, batch: Mapping[str, Any], *, acting: bool = False) -> EncodedInstructions:
         """The instructions of a batch.
 
         Args:
@@ -100,7 +100,7 @@ class Listener:
         said = [tuple(row[:n]) for row, n in zip(listed, words, strict=True)]
         if acting and not self._told and self.tasks:
             self._warn_of_new(said)
-        return self._heard(said, tokens.device)
+        return self._encoded(said, tokens.device)
 
     def _taken(self, batch: Mapping[str, Any]) -> tuple[Tensor, Tensor]:
         tokens, mask = batch.get(OBS_LANGUAGE_TOKENS), batch.get(OBS_LANGUAGE_ATTENTION_MASK)
@@ -116,7 +116,7 @@ class Listener:
             )
         return tokens, mask
 
-    def _heard(self, said: list[tuple[int, ...]], device: torch.device) -> Heard:
+    def _encoded(self, said: list[tuple[int, ...]], device: torch.device) -> EncodedInstructions:
         different = list(dict.fromkeys(said))
         states = torch.zeros(len(different), self._most, self.encoder.width)
         mask = torch.zeros(len(different), self._most, dtype=torch.bool)
@@ -125,7 +125,7 @@ class Listener:
             mask[row, : len(tokens)] = True
         places = {tokens: row for row, tokens in enumerate(different)}
         rows = torch.tensor([places[tokens] for tokens in said])
-        return Heard(states.to(device), mask.to(device), rows.to(device))
+        return EncodedInstructions(states.to(device), mask.to(device), rows.to(device))
 
     def _states(self, tokens: tuple[int, ...]) -> Float[Tensor, "L E"]:
         if tokens not in self._known:
